@@ -1,6 +1,7 @@
 """What this process may use of the machine: cores, garbage collection."""
 
 import contextlib
+import ctypes
 import gc
 import math
 import multiprocessing
@@ -65,6 +66,25 @@ def _quota(*files: Path) -> list[float]:
         return [float(quota) / float(period)] if quota not in ("max", "-1") else []
     except (OSError, ValueError):
         return []
+
+
+# --- Cores of a process that is to be woken: the scheduler may wake it where its waker runs, and there it has to wait
+
+_core = getattr(ctypes.CDLL(None), "sched_getcpu", None)  # of Linux
+
+
+def cores_of(pid: int) -> set[int]:
+    """Cores that a process may use; none if it is gone, or the system does not say."""
+    with contextlib.suppress(AttributeError, OSError):
+        return os.sched_getaffinity(pid)
+    return set()
+
+
+def keep_off_this_core(pid: int, cores: set[int]) -> None:
+    """Let a process use all of its cores but that on which this one runs."""
+    if _core is not None:
+        with contextlib.suppress(OSError):
+            os.sched_setaffinity(pid, cores - {_core()})
 
 
 # --- Pauses garbage collection while very many objects are created

@@ -46,8 +46,8 @@ class Report:
             `phase_seconds`.
         collisions: contacts resolved.
         method, workers: those used ("auto" is resolved).
-        memory_bytes: resident memory of each process at the end of the run, the coordinator first, read ten times a
-            second at most; 0 for a process that has died since its last frame, or where the system does not say. The
+        memory_bytes: resident memory of each process at the end of the run, the coordinator first, read anew after
+            0.1 s of frames; 0 for a process that has died since its last frame, or where the system does not say. The
             shared block is included for each process that has used it.
         block_bytes: size of the shared block.
         measures: name -> Measure(value, error, samples), for the measures that `run` was given.

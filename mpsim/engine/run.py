@@ -257,20 +257,24 @@ class BatchSizer:
     """Chooses the next slice of a run, of `most_frames` at most, from the frame times of those before.
 
     `choices` are numbers of workers, the likely best first: all give the same bits, so the choice may follow the clock.
-    Attribute best: the one with the shortest recent frame time.
+
+    Attributes:
+        best: the one with the shortest recent frame time.
+        seconds_run: time of all frames so far, slice by slice of the median frame [s].
     """
 
     def __init__(self, choices: tuple[int, ...], most_frames: int):
         self._most_frames = most_frames
         self._recent = {workers: deque(maxlen=TRIALS) for workers in choices}
-        self._seconds_run = 0.0
+        self._next_trial = TRIAL_AFTER
+        self.seconds_run: float = 0.0
         self.best: int = choices[0]
 
     def next_slice(self, remaining: int) -> tuple[int, int]:
         """Workers and frames of the next slice."""
         if len(self._recent) > 1:
-            if self._seconds_run > TRIAL_AFTER:
-                self._seconds_run = 0.0
+            if self.seconds_run > self._next_trial:
+                self._next_trial = self.seconds_run + TRIAL_AFTER
                 self._recent[max(self._recent, key=self._median)].clear()
             for workers, recent in self._recent.items():
                 if len(recent) < TRIALS and not self._is_hopeless(workers):
@@ -284,7 +288,7 @@ class BatchSizer:
 
     def note(self, workers: int, frames: int, seconds_per_frame: float) -> None:
         """Note the time of a frame in the last slice: its median, which one late worker does not disturb [s]."""
-        self._seconds_run += frames * seconds_per_frame
+        self.seconds_run += frames * seconds_per_frame
         self._recent[workers].append(max(seconds_per_frame, 1e-9))
         if len(self._recent) > 1:
             self.best = min(self._recent, key=self._median)

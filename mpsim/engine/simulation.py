@@ -16,7 +16,6 @@ import functools
 import math
 import os
 import threading
-import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TypeVar, Unpack
@@ -94,7 +93,7 @@ from mpsim.scene.starts import check_region, is_in
 # Arguments are checked when the program runs as well, for callers without a type checker.
 
 MEMORY_SECONDS = 0.1
-"""Time between two readings of the memory of processes, at least: each opens files of the system."""
+"""Time of frames between two readings of the memory of processes, at least: each opens files of the system."""
 
 MEASURES = "mpsim.measure.registry"
 """The module that a run with measures needs, and no other."""
@@ -103,7 +102,7 @@ Result = TypeVar("Result")
 
 
 class Memory(NamedTuple):
-    """Resident memory of each process and size of the block [bytes], of these workers, until a time [s]."""
+    """Resident memory of each process and size of the block [bytes], of these workers, for so long a run [s]."""
 
     until: float
     pids: list[int]
@@ -496,6 +495,8 @@ class Simulation(ReadOnly, Closable):
             OutputError: a checkpoint or trajectory cannot be written; the simulation is as it was before that.
         """
         access, solver = self._access, self._open_solver()
+        if self._batch_sizer.best > 1:
+            solver.wake_workers()
         if measures is not None and isinstance(measures, Iterable) and not isinstance(measures, str):
             measures = tuple(measures)
         if on_ranks := self._can.on_ranks:
@@ -708,7 +709,7 @@ class Simulation(ReadOnly, Closable):
 
     def _resources(self, solver: Solver) -> tuple[tuple[int, ...], int]:
         """Memory of the processes and of the block, read anew after a while, and by another solver's processes."""
-        now, known = time.monotonic(), self._memory
+        now, known = self._batch_sizer.seconds_run, self._memory
         if self._can.on_ranks or known is None or now >= known.until or known.pids != solver.pids:
             known = Memory(now + MEMORY_SECONDS, solver.pids, resources_of(solver))
             self._memory = known
@@ -1045,7 +1046,7 @@ class Simulation(ReadOnly, Closable):
         choice = self._solver.choice
         methods.note_remark(choice, before, self._access.notices)
         if choice != before:
-            self._batch_sizer = BatchSizer(choice.workers, MOST_FRAMES)
+            self._batch_sizer, self._memory = BatchSizer(choice.workers, MOST_FRAMES), None
 
     def _insert(self, new: NewDiscs, substeps: int) -> None:
         """Add discs that have been checked; the solver may then continue by another method."""

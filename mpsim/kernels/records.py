@@ -73,7 +73,7 @@ ANNOUNCED = 40  # number of the command that is about to be given: no worker may
 SIGNALS = 48
 
 # The index of a worker's own `signals`.
-PARKED = 0  # 1: sleeps until its pipe is written to
+PARKED = 0  # number of the nap in which it sleeps until its pipe is written to; negative: it is to wake on any core
 
 # Outcomes of a command; all but BAD_STATE are values of ABORT.
 RUNNING = 0

@@ -758,10 +758,14 @@ class Solver(ABC):
         """The block of this process."""
         return self._team.block
 
+    def wake_workers(self) -> None:
+        """Have the workers that sleep, if any, come: the next command is near."""
+        self._team.pool.wake()
+
     @property
     def pids(self) -> list[int]:
         """Process numbers of the workers other than this process, at any moment; none where all is done in it."""
-        return []
+        return [*self._team.pool.pids]
 
 
 def is_between_frames(solver: Solver) -> bool:

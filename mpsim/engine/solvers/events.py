@@ -314,10 +314,6 @@ class EventSolver(CollisionLog):
         return MOST_COUNTED * self._plan.units[0]
 
     @property
-    def pids(self) -> list[int]:
-        return [*self._team.pool.pids]
-
-    @property
     def half_done(self) -> bool:
         return self._windows is not None and self._windows.failed
 

@@ -1,6 +1,7 @@
 """The methods naive, grid and parallel: discs in the shared block, its growth, commands."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -125,7 +126,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._frames_that_fit = MOST_FRAMES  # so that a log is about half full after them
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
-        self._borders = np.zeros(0)  # fraction of the discs before those of each worker, and 1
+        self._borders: list[float] = []  # fraction of the discs before those of each worker but the first
         self._team = Team()
         self._capacity = max(scene.count, 1)
 
@@ -242,37 +243,33 @@ class GridSolver(SteppedSolver, CollisionLog):
     # --- who does what
 
     def _deal(self, workers: int) -> None:
-        """Assign columns and a slice of the discs to each worker."""
+        """Assign columns and a slice of the discs to each worker: whole columns once sorted."""
+        team, grid, count = numbers_of(self._team.block)[1], self._grid, self.count
         if workers == 1:
-            alone = numbers_of(self._team.block)[1][0]
-            alone.first_column, alone.last_column, alone.low, alone.high = 0, self._grid.columns, 0, self.count
+            alone = team[0]
+            alone.first_column, alone.last_column, alone.low, alone.high = 0, grid.columns, 0, count
             return
-        team = self._team.block.arrays["team"][:workers]
-        columns, slots = self._shares(workers)
-        team["first_column"], team["last_column"] = columns[:-1], columns[1:]
-        team["low"], team["high"] = slots[:-1], slots[1:]
-
-    def _shares(self, workers: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """First column and first disc of each worker, and the ends: whole columns once sorted."""
-        if len(self._borders) != workers + 1:
-            self._borders = np.linspace(0, 1, workers + 1)
-        share = (self._borders * self.count).astype(np.int64)
-        if self._sorted_grid == self._grid:
-            first_of_column = self._team.block.arrays["start"][: self._grid.table_size : self._grid.rows + 2]
-            columns = np.searchsorted(first_of_column[: self._grid.columns], share)
-            columns[0], columns[-1] = 0, self._grid.columns
-            slots = first_of_column[columns].astype(np.int64)
-            slots[-1] = self.count  # discs that were added since lie behind the sorted ones
+        if len(self._borders) != workers - 1:
+            self._borders = [worker / workers for worker in range(1, workers)]
+        slots = [int(border * count) for border in self._borders]
+        if self._sorted_grid == grid:
+            first_of_column = self._team.block.arrays["start"][: grid.table_size : grid.rows + 2]
+            columns = [bisect_left(first_of_column, slot, 0, grid.columns) for slot in slots]
+            slots = [int(first_of_column[column]) for column in columns]
         else:
-            columns, slots = np.arange(workers + 1) * self._grid.columns // workers, share
-        return columns, slots
+            columns = [worker * grid.columns // workers for worker in range(1, workers)]
+        column = slot = 0
+        # The last worker has the discs that were added since the last sort, too: they lie behind the sorted ones.
+        for mine, last, high in zip(team, [*columns, grid.columns], [*slots, count], strict=False):
+            mine.first_column, mine.last_column, mine.low, mine.high = column, last, slot, high
+            column, slot = last, high
 
     def _balance(self, times: NDArray[np.int64], ends: NDArray[np.int64]) -> None:
         """Move the borders half way to where the times of the last command, without waiting, would have been equal."""
         busy = times.sum(axis=2).min(axis=1)  # the shortest frame: others may have been interrupted
         taken, shares = np.append(0, busy.cumsum()), np.append(0, ends) / max(self.count, 1)
         equal = np.interp(np.linspace(0, taken[-1], len(taken)), taken, shares)
-        self._borders[1:-1] = (shares + equal)[1:-1] / 2
+        self._borders = ((shares + equal)[1:-1] / 2).tolist()
 
     # --- steps
 
@@ -449,10 +446,6 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._moving = False
 
     # --- the block
-
-    @property
-    def pids(self) -> list[int]:
-        return [*self._team.pool.pids]
 
     @property
     def _arrays(self) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 import psutil
 
 from mpsim.core.deferred_signals import interrupts_held_back
+from mpsim.core.machine import cores_of, keep_off_this_core
 from mpsim.engine.workers.shared import SharedBlock, demand_descriptors, refusal_of_process
 from mpsim.engine.workers.worker import GRID, NAME, Program, worker_main
 from mpsim.errors import ResourceError, WorkerDiedError, WorkerStalledError, is_of_the_system
@@ -78,6 +79,8 @@ class WorkerPool:
         self._processes: list[Any] = []
         self.pids: list[int] = []
         self._lost: int | None = None
+        self._called: dict[int, int] = {}  # the nap in which each worker has been called last
+        self._cores: dict[int, set[int]] = {}  # of a worker that is being called
         self._creator = os.getpid()
         self._watch_end = self._watched_end = -1
         self._watcher = threading.Thread(target=self._watch, name="mpsim-watcher", daemon=True)
@@ -93,7 +96,8 @@ class WorkerPool:
         if workers == 1:
             return
         if self._context.get_start_method() == "forkserver":
-            self._context.set_forkserver_preload(["mpsim.engine.workers.pool", self._program.load.__module__])
+            modules = ["mpsim.engine.workers.pool", self._program.load.__module__, "mpsim.engine.workers.warm"]
+            self._context.set_forkserver_preload(modules)
         try:
             for worker in range(1, workers):
                 self._start(worker)
@@ -112,13 +116,26 @@ class WorkerPool:
     def _attach(self, block: SharedBlock) -> None:
         self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
 
+    def wake(self) -> None:
+        """Have the workers that sleep come: early, their way overlaps with what is done before the next command.
+
+        Ctrl-C may end this anywhere; then the next call wakes them, and they have their cores back.
+        """
+        for worker, (connection, pid) in enumerate(zip(self._connections, self.pids, strict=True), start=1):
+            nap = load_word(self._team[worker].signals, records.PARKED)
+            if nap and nap != self._called.get(worker) and self._lost is None:  # a lost one's number may be another's
+                cores = self._cores.setdefault(worker, cores_of(pid))
+                if nap > 0 and len(cores) > len(self.pids):
+                    keep_off_this_core(pid, cores)
+                self._send(connection, ("wake", cores, time.monotonic()))
+                self._called[worker] = nap
+                del self._cores[worker]
+
     def run(self, kernel: Callable[[], Result]) -> Result:
         """Announce a command, wake the workers that sleep, and call the kernel, which gives the command itself."""
         signals = self._control.signals
         store_word(signals, records.ANNOUNCED, load_word(signals, records.COMMAND) + 1)
-        for connection, mine in zip(self._connections, self._team[1:], strict=False):  # on ranks it has one more
-            if load_word(mine.signals, records.PARKED):
-                self._send(connection, ("wake", None, None))
+        self.wake()
         try:
             return kernel()
         finally:  # taken back if no command followed, so that the workers may sleep again
@@ -153,7 +170,7 @@ class WorkerPool:
             if self._watcher is not threading.current_thread():  # where garbage may be collected as well
                 self._watcher.join()
         for connection in self._connections:
-            self._send(connection, ("stop", None, None))
+            self._send(connection, ("stop",))
         if self._connections:
             add_to_word(self._control.signals, records.MAIL, 1)
         for process in self._processes:

@@ -33,6 +33,10 @@ of short runs then needs no system call to wake a worker, and an idle pool costs
 NAP = 0.0005
 """Seconds between two looks for a command that is announced and late."""
 
+LATE, UNASKED = 0.001, 16
+"""Seconds after which a worker that is woken off the coordinator's core is late, as other programs have the other
+cores; and how many times it is then woken where the scheduler likes."""
+
 ORPHANED = 3
 """Exit code of a worker whose coordinator is gone."""
 
@@ -183,22 +187,31 @@ def _serve(worker: int, connection: Connection, block: SharedBlock, program: Pro
     """Run commands until the coordinator says stop. Does not return."""
     load_kernels(block, program)
     call = _join(worker, connection, block, program)
+    naps, crowded = 0, 0  # and the nap until whose end it wakes on any core
     while True:
         outcome = call()
         if outcome == records.IDLE:
-            _park(connection, block.arrays["control"], block.arrays["team"][worker])
+            naps += 1
+            _park(connection, block.arrays, worker, naps if naps > crowded else -naps)
         elif outcome != records.MAILED:
             os._exit(0)  # the frame loop was aborted, and the coordinator knows why
         # Counted as read before the pipe is looked at: a message that comes in between is announced once more.
         block.arrays["team"][worker].mails = load_word(block.arrays["control"].signals, records.MAIL)
         while connection.poll():
-            kind, name, specs = connection.recv()
+            kind, *given = connection.recv()
             if kind == "stop":
                 os._exit(0)  # at once, views and all: a worker owns nothing that would need cleaning up
+            if kind == "wake":
+                cores, called = given
+                if cores:
+                    with suppress(OSError):  # they may be taken away by now
+                        os.sched_setaffinity(0, cores)
+                if time.monotonic() - called > LATE and naps > crowded:
+                    crowded = naps + UNASKED
             if kind == "attach":
                 del call
                 block.close()
-                block = SharedBlock.attach(name, specs)
+                block = SharedBlock.attach(*given)
                 load_kernels(block, program)
                 call = _join(worker, connection, block, program)
 
@@ -212,13 +225,14 @@ def _join(worker: int, connection: Connection, block: SharedBlock, program: Prog
     return program.call(block, worker)
 
 
-def _park(connection: Connection, control: Any, mine: Any) -> None:
+def _park(connection: Connection, arrays: dict[str, Any], worker: int, nap: int) -> None:
     """Sleep in the pipe until a message comes, unless a command is announced.
 
     Parked is said first and the announcement looked at second; the coordinator announces first and looks at parked
     second. Whatever the timing, one of the two sees the other, and no command is slept through.
     """
-    store_word(mine.signals, records.PARKED, 1)
+    control, mine = arrays["control"], arrays["team"][worker]
+    store_word(mine.signals, records.PARKED, nap)
     if load_word(control.signals, records.ANNOUNCED) <= mine.commands:
         wait([connection])
     else:
