@@ -45,6 +45,9 @@ YARDSTICK = "cpp"
 CLAIM = 0.4, 100_000
 """Packing and discs of the claim."""
 
+GAME, PICTURE, MANY = 1_000, 1 / 60, (100_000, 150_000, 200_000, 300_000, 400_000, 500_000, 600_000, 800_000, 1_000_000)
+"""Of game loops: discs that the README compares, time between two pictures [s], and discs that may fit into it."""
+
 SETTLED = 0.5
 """Units of time from the start up to which fewer discs touch than later."""
 
@@ -143,6 +146,26 @@ def frames_table(study: Study, cells: dict[int, Times]) -> str:
         lines = [f"- {'; '.join(which)} {why}" for why, which in reasons.items()]
         text += "\n\nNot in this table:\n\n" + "\n".join(lines)
     return text
+
+
+def in_time(study: Study, how: str) -> int:
+    """The most discs of MANY that mpsim moves between two pictures of a game."""
+    found = study.frames(CLAIM[0], MANY, how)
+    times = {count: each["mpsim-push", 1] for count, each in found.items()}
+    return max((n for n, one in times.items() if isinstance(one, Timing) and np.median(one.frame) < PICTURE), default=0)
+
+
+def game_claim(study: Study, times: Times) -> str:
+    """What the README says of game loops, if it was measured; times: of frames one by one, of GAME discs."""
+    own, other = times.get(("mpsim-push", 1)), times.get(("pymunk", 1))
+    if not isinstance(own, Timing) or not isinstance(other, Timing):
+        return ""
+    one, theirs = (number(float(np.median(each.frame)) * 1e6) for each in (own, other))
+    moved, read = (in_time(study, how) for how in ("step", "watch"))
+    return (
+        f"In a game loop, one frame a call on one core, {GAME:,} discs take {one} µs, those of pymunk {theirs}; at 60 "
+        f"pictures a second it moves {moved:,} discs, or {read:,} if a picture reads their places and velocities"
+    )
 
 
 def game_table(study: Study, ways: dict[str, dict[int, Times]]) -> str:
@@ -296,6 +319,8 @@ def main() -> None:
         cells = {packing: study.frames(packing, effort.counts) for packing in effort.packings if effort.counts}
         ways = {how: study.frames(effort.packings[0], effort.game, how) for how in CALLS}
         found = study.accuracy(effort.packings[0]) if effort.accurate else None
+        alone = Study(replace(effort, peers=("mpsim-push",)), options.work, status.update)
+        game = game_claim(alone, ways["step"].get(GAME, {}))
     times = cells.get(CLAIM[0], {}).get(CLAIM[1], {})
     now["slowed"].append(slowed())
     busy = is_busy(now)
@@ -313,9 +338,13 @@ def main() -> None:
     if cells or found:
         page.write_text(page_of(study, cells, found, made, said))
         console.print(f"the page is {page}")
-    if said and page == DOCS / "peers.md":
-        words = textwrap.fill(f"{said} ([peers](docs/peers.md)).", 116)
-        fill_page(TOP / "README.md", {"claim": textwrap.indent(words, "  ")})
+    sentences = {
+        "claim": f"{said} ([peers](docs/peers.md)).",
+        "game": f"{game} ([table](docs/performance.md#a-game-loop)).",
+    }
+    if not busy and page == DOCS / "peers.md":
+        blocks = {name: textwrap.fill(sentences[name], 116) for name, text in (("claim", said), ("game", game)) if text}
+        fill_page(TOP / "README.md", {name: textwrap.indent(text, "  ") for name, text in blocks.items()})
 
 
 if __name__ == "__main__":
