@@ -26,7 +26,7 @@ class Limits(NamedTuple):
 SCENES = {
     "naive, 100 discs": Limits(47, 10, 4),
     "grid, 1000 discs": Limits(49, 10, 7),
-    "event, 100 discs": Limits(44, 8, 1),
+    "event, 100 discs": Limits(44, 9, 1),
 }
 
 COUNTER = """
