@@ -190,10 +190,11 @@ def pinched(solver: Solver, scene: Scene, disc: int) -> str:
     """What to say of a disc that kernels report to be about to pass a surface by one more step."""
     state, radius = solver.state(disc, disc + 1), float(solver.radii[disc])
     surfaces = surfaces_near(scene, state.position[0].astype(np.float64), radius, solver.time)
+    between = " and ".join(surfaces[:2]) if len(surfaces) > 1 else "surfaces less than its diameter apart"
     return (
-        f"disc {disc} is pinched between {' and '.join(surfaces[:2])} in frame {solver.frame - 1}: one more step "
-        f"presses it through one of them. Let what moves keep a diameter, {2 * radius:g}, from what is at rest, or "
-        "stop earlier; smaller steps do not help."
+        f"disc {disc} is pinched between {between} in frame {solver.frame - 1}: one more step presses it through one "
+        f"of them. Let what moves keep a diameter, {2 * radius:g}, from what is at rest, or stop earlier; smaller "
+        "steps do not help."
     )
 
 
@@ -211,9 +212,9 @@ def pinched(solver: Solver, scene: Scene, disc: int) -> str:
 # as often as a wall has taken a little of the box, and now and then. All of it depends on the state alone. So what
 # follows is the same with any number of workers, and however a run is cut into calls, saved or healed.
 
-BOUND = 1.0
+BOUND, BOUND_BESIDE_SURFACES = 1.0, 0.5
 """Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on
-it is too fast."""
+it is too fast; and in scenes with obstacles in which something moves, and may press discs through them."""
 
 COLLISIONS = 1.0
 """Collisions of a disc in one step, on average, from which on too many are missed: those that follow from others."""
@@ -263,6 +264,8 @@ class StepLimits:
         self._has_limit = False
         self._acceleration = acceleration_bound(scene)
         self._surface = OBSTACLES.surface_speed(scene) if scene.obstacles else 0.0  # towards which a disc may move
+        pressing = scene.obstacles and scene._surface_speed > 0
+        self._bound = BOUND_BESIDE_SURFACES if pressing else BOUND
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
             for wraps, length in zip(scene.periodic, scene._smallest_sides(), strict=True)
@@ -368,14 +371,14 @@ class StepLimits:
 
     def set_limit(self, solver: Solver) -> None:
         """Have the solver end its commands when a disc is too fast; never, once that has been warned of."""
-        speed_limit = SpeedLimit()  # a surface that comes towards a disc is as a disc that is faster
+        limit, gain, deep = math.inf, 0.0, not self._pressed.given
         self._has_limit = not self._fast.given
         if self.adapts:
-            speed_limit = SpeedLimit(SUBSTEP_LIMIT * BOUND, self._gain(solver.frame, 1))
-        elif self._has_limit:
-            speed_limit = SpeedLimit(JUST_ABOVE * BOUND, self._surface)
+            limit, gain = SUBSTEP_LIMIT * self._bound, self._gain(solver.frame, 1)
+        elif self._has_limit:  # a surface that comes towards a disc is as a disc that is faster
+            limit, gain = JUST_ABOVE * self._bound, self._surface
         if isinstance(solver, Steps):
-            solver.set_speed_limit(speed_limit)
+            solver.set_speed_limit(SpeedLimit(limit, gain, deep))
 
     def check(
         self, solver: Solver, notices: Notices, new: NewDiscs | None = None, changed: NDArray[np.int64] | None = None
@@ -385,15 +388,23 @@ class StepLimits:
         changed: numbers of the discs that alone can have become faster; sub-steps depend on all.
         """
         usual = self._settings.substeps if self._has_steps else 1
-        if self._fast.given or not isinstance(solver, Steps):
+        if not isinstance(solver, Steps) or (self._fast.given and not solver.too_fast):
             if self._has_limit:
                 self.set_limit(solver)
             return usual
         frame = solver.frame
         speeds = solver.speeds(new, None if self.adapts else changed)
+        text = None
         if speeds.pinched >= 0:
             text = solver.ranks.on_root(lambda: pinched(solver, self._scene, speeds.pinched))
+        elif speeds.pressed:
+            text = solver.ranks.on_root(lambda: pressed(solver, self._scene, self._settings))
+        if text:
             self._tell(text, notices, self._pressed)
+        if self._fast.given or text:
+            self.set_limit(solver)
+        if self._fast.given:
+            return usual
         if self.adapts:
             self.set_limit(solver)
             return self.substeps_for(speeds, frame)
@@ -418,7 +429,8 @@ class StepLimits:
         dt = self._settings.dt
         gain = self._gain(frame, ADAPT_EVERY)
         gained = gain * dt / min(speeds.limit, speeds.smallest)
-        fraction = max((self._fraction(speeds, dt) + gained) / BOUND, speeds.collision_rate * dt / COLLISIONS) / AIM
+        moved, collisions = self._fraction(speeds, dt) + gained, speeds.collision_rate * dt
+        fraction = max(moved / self._bound, collisions / COLLISIONS) / AIM
         if math.isinf(fraction):
             raise TooFastError(f"{self._words(speeds, frame)} No number of sub-steps is enough. Use a larger box.")
         if not fraction <= MOST_SUBSTEPS:
@@ -448,7 +460,7 @@ class StepLimits:
         """Refuse the fastest disc, or warn of it once, unless it is slow enough."""
         settings = self._settings
         dt = settings.dt / settings.substeps
-        fraction, collisions = self._fraction(speeds, dt) / BOUND, speeds.collision_rate * dt / COLLISIONS
+        fraction, collisions = self._fraction(speeds, dt) / self._bound, speeds.collision_rate * dt / COLLISIONS
         if fraction <= 1 and collisions <= 1:
             return
         needed = settings.substeps * max(fraction, collisions) / AIM
@@ -470,7 +482,7 @@ class StepLimits:
         when = speeds.when or f"in frame {frame}"
         if math.isinf(collisions):
             return f"{when} discs fill the box more densely than they can be packed, so that they overlap."
-        if not fraction > BOUND and collisions > COLLISIONS:
+        if not fraction > self._bound and collisions > COLLISIONS:
             return (
                 f"{when} a disc collides about {collisions:.3g} times in one step (rms speed "
                 f"{speeds.mean_speed:.3g}, step {dt:.3g}); above {COLLISIONS:g} many collisions that follow from "
@@ -479,6 +491,8 @@ class StepLimits:
         towards = f", towards an obstacle of speed {self._surface:.3g}" if self._surface else ""
         length = f"its radius {speeds.limit:.3g}"
         lost = "one radius, discs may pass through each other without a collision"
+        if self._bound < BOUND:
+            lost = "half a radius, what moves may press discs through an obstacle"
         if speeds.between:
             length = f"its free path {speeds.limit:.3g} between the walls along {speeds.between}"
             lost = "one free path, bounces are lost"
@@ -493,7 +507,7 @@ class StepLimits:
         if self._often:
             intervals.append(ADAPT_EVERY)
         if self._acceleration > 0:
-            bound = BOUND * self._scene.smallest_radius / self._settings.dt * self._settings.substeps
+            bound = self._bound * self._scene.smallest_radius / self._settings.dt * self._settings.substeps
             frames = GAIN * bound / (self._acceleration * self._settings.dt)
             intervals.append(max(math.ceil(min(frames, LOOK_EVERY)), ADAPT_EVERY))
         if frame <= self._squeezed:

@@ -35,6 +35,7 @@ class Speeds:
         smallest: radius of the smallest disc [length].
         when: in words, when discs were or will be so fast; "": now.
         pinched: index of a disc that surfaces are about to press through one another; -1: there is none.
+        pressed: whether discs were deep in each other.
     """
 
     disc: int = -1
@@ -46,6 +47,7 @@ class Speeds:
     smallest: float = math.inf
     when: str = ""
     pinched: int = -1
+    pressed: bool = False
 
     def fraction(self, dt: float) -> float:
         """Displacement of the fastest disc in a step of length dt, as a fraction of its limit."""
@@ -220,10 +222,12 @@ class SpeedLimit(NamedTuple):
     Attributes:
         fraction: of the radius; infinite: never.
         gain: speed that is added to that of each disc before [length/time].
+        deep: whether discs that surfaces press, into each other or through one another, are reported.
     """
 
     fraction: float = math.inf
     gain: float = 0.0
+    deep: bool = False
 
     def square(self, dt: float, common: float | None, smallest: float, precision: str) -> float:
         """Value of the parameter `fast`, with which kernels compare squares.
@@ -245,7 +249,7 @@ class SpeedLimit(NamedTuple):
 
 Fastest = tuple[int, int]
 """Of a disc that was too fast in a command: its speed over that from which on discs are too fast, times FASTEST_SCALE
-(PINCHED: it is pinched; 0: there was none), and its number, times -1, so that of equally fast discs the one of the
+(PINCHED, PRESSED: see there; 0: there was none), and its number, times -1, so that of equally fast discs the one of the
 least number is the maximum."""
 
 

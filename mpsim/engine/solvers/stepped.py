@@ -179,6 +179,7 @@ class SteppedSolver(Solver, Steps):
         control.law = records.LAWS[settings.law]
         control.contact = records.CONTACTS[settings.contact]
         control.passes = settings.passes
+        control.deep = 0 if self._speed_limit.deep else -1
         control.race_free = int(not self.choice.processes.unguarded)
         control.absorbing[:] = [edge in scene.absorbing for edge in EDGES]
         prepare_first_step(arrays)
@@ -260,8 +261,8 @@ class SteppedSolver(Solver, Steps):
         fraction, disc = fastest[0], -fastest[1]
         if not fraction:
             return found
-        if fraction == records.PINCHED:
-            return replace(found, pinched=disc)
+        if fraction >= records.PRESSED:
+            return replace(found, pressed=True) if fraction == records.PRESSED else replace(found, pinched=disc)
         radius, fast = float(self.radii[disc]), float(self._arrays["parameters"].fast)
         speed = fraction / records.FASTEST_SCALE * math.sqrt(fast)
         speed *= radius if has_radii(self._scene) else 1.0  # with own radii `fast` is of speeds per radius

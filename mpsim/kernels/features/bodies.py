@@ -27,7 +27,7 @@ from mpsim.kernels.features.collisions import FIRST_OBSTACLE, add_work, on_capsu
 from mpsim.kernels.features.edges import is_absent, put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of
 from mpsim.kernels.geometry import OWNER, RADIUS, concerns
-from mpsim.kernels.records import BOTTOM, IMPACT, PINCHED, Field, real, record_of
+from mpsim.kernels.records import BOTTOM, IMPACT, PINCHED, PRESSED, Field, real, record_of
 
 # --- Motions: displacement, angle and velocities at a time
 
@@ -349,7 +349,7 @@ def resolve_bodies(bodies, discs, low, high, features, parameters, control, mine
             if met:
                 put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
                 wrap_disc(discs, i, features)
-                if parameters.fast < math.inf and is_pinched(discs, i, number, radius, features, parameters):
+                if control.deep >= 0 and is_pinched(discs, i, number, radius, features, parameters):
                     note_pinched(discs.id[i], control, mine)
 
 
@@ -401,6 +401,15 @@ def note_pinched(disc, control, mine):
 
 
 @inlined
+def note_pressed(pressing, control, mine):
+    """Report that discs were deep in each other in the step before, and end the command with this frame."""
+    if pressing is not None and control.deep > 0:
+        if mine.fastest < PRESSED:
+            mine.fastest, mine.fastest_disc = PRESSED, 0
+        control.frames = mine.frame + 1
+
+
+@inlined
 def farthest_push(moving_wall, dt):
     """The longest way of a wall in this step, of dt [length]."""
     way = 0.0
@@ -418,7 +427,7 @@ def look_beside_walls(moving_wall, discs, low, high, features, parameters, contr
     half, dt = parameters.diameter / discs.x.dtype.type(2), np.float64(parameters.dt)
     push = farthest_push(moving_wall, dt)
     for edge in range(4):
-        if (moving_wall.wall[edge].moves == 0) | (parameters.fast == math.inf):
+        if (moving_wall.wall[edge].moves == 0) | (control.deep < 0):
             continue
         place, wall = discs.x if edge < BOTTOM else discs.y, parameters.limit[edge]
         for i in range(low, high):

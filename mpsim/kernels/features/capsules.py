@@ -300,8 +300,9 @@ def after_move(capsules, discs, low, high, features, parameters, control):
 # --- Discs that are about to be pressed through what is at rest, by something that moves
 
 
-PAST = 0.875
-"""Depth, in radii, from which on the side on which a centre lies is uncertain: at 1 it lies on the surface."""
+PAST, HALF_PAST = 0.875, 0.5
+"""Depth, in radii, from which on the side on which a centre lies is uncertain, as at 1 it lies on the surface; and that
+of a disc at rest, of which two surfaces of a corner may undo each one's half."""
 
 ROUNDING = 1e-3
 """Depth, in radii, up to which a disc has been put on the surface."""
@@ -313,7 +314,8 @@ def goes_past(depth, nx, ny, vx, vy, radius, push, dt):
 
     v: relative to the surface; in that step a wall may turn the disc round, and push it so far.
     """
-    return (depth > ROUNDING * radius) & (depth + abs(vx * nx + vy * ny) * dt + push > PAST * radius)
+    later = depth + abs(vx * nx + vy * ny) * dt + push
+    return (depth > ROUNDING * radius) & ((later > PAST * radius) | (depth > HALF_PAST * radius))
 
 
 @linked

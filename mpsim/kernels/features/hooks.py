@@ -58,6 +58,7 @@ def after_move(discs, low, high, features, parameters, control, mine):
     capsules.after_move(features.capsules, discs, low, high, features, parameters, control)
     bodies.resolve_bodies(features.bodies, discs, low, high, features, parameters, control, mine)
     bodies.look_beside_walls(features.moving_wall, discs, low, high, features, parameters, control, mine)
+    bodies.note_pressed(any_present(features.bodies, features.moving_wall), control, mine)
 
 
 @inlined
@@ -70,6 +71,7 @@ def after_binning(discs, low, high, features, control):
 @inlined
 def prepare_next_step(features, parameters, control):
     """Before the next step: by one worker between motion and contacts, when no worker reads the walls."""
+    control.deep = min(control.deep, 0)
     bodies.move_walls(features.moving_wall, parameters, control)
     bodies.move_bodies(features.bodies, control)
 

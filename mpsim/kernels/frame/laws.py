@@ -207,11 +207,31 @@ def touched(log, discs, i, j, shift_x, shift_y, parameters, control):
     return since, x, y
 
 
+DEEP, STEPS = 0.5, 4.0
+"""Overlap of discs that are pressed into each other, in radii of the smaller one, beyond what so many steps explain."""
+
+
+@inlined
+def note_deep(pressing, discs, i, j, shift_x, shift_y, parameters, control):
+    """Note that two discs are deep in each other; pressing: None if nothing moves that may press them."""
+    if pressing is None:
+        return
+    if control.deep == 0:
+        x, y = separation(discs, i, j, shift_x, shift_y)
+        fastest = max(discs.vx[i] ** 2 + discs.vy[i] ** 2, discs.vx[j] ** 2 + discs.vy[j] ** 2)
+        half = parameters.diameter / 2
+        smaller = min(value_or(discs.radius, i, half), value_or(discs.radius, j, half))
+        overlap = touching_distance(discs.radius, i, j, parameters) - math.sqrt(x * x + y * y)
+        if overlap > DEEP * smaller + STEPS * parameters.dt * math.sqrt(fastest):
+            control.deep = 1
+
+
 @inlined
 def resolve_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame):
     """Resolve two overlapping discs by the contact, one of `records.CONTACTS`, and the law of the run."""
     if control.tallied:
         tally_depth(discs, i, j, shift_x, shift_y, parameters, tally, frame)
+    note_deep(any_present(features.bodies, features.moving_wall), discs, i, j, shift_x, shift_y, parameters, control)
     before = touched(features.log, discs, i, j, shift_x, shift_y, parameters, control)
     if control.contact == IMPACT:
         impulses = impact_contact(discs, i, j, shift_x, shift_y, features, parameters, control, tally, frame)
