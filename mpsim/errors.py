@@ -46,12 +46,7 @@ class MpsimError(Exception):
     """
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _received, (type(self), self.args), self.__dict__
-
-
-def _received(kind: type[MpsimError], arguments: tuple[Any, ...]) -> MpsimError:
-    """An error that another process has sent, without what its constructor has made of it."""
-    return kind.__new__(kind, *arguments)
+        return type(self).__new__, (type(self), *self.args), self.__dict__  # without what a constructor makes of it
 
 
 class InputError(MpsimError, ValueError):

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core import files
+from mpsim.core.checks import Closable
 from mpsim.core.columns import Array, chunks_of
 from mpsim.core.deferred_signals import interrupts_held_back
 
@@ -123,8 +124,8 @@ def declared(file: Any, length: int, name: str, kinds: str) -> Declared:
     return Declared(dtype, tuple(map(int, shape)), "F" if fortran else "C", rest)
 
 
-class ArrayFile:
-    """The arrays in an open file, each read when it is asked for. Use it in a `with` block.
+class ArrayFile(Closable):
+    """The arrays in an open file, by their `names`, each read when it is asked for. Use it in a `with` block.
 
     Raises:
         DAMAGE: one of these exceptions, if the file is damaged.
@@ -143,6 +144,7 @@ class ArrayFile:
             raise
         members = self._zip.infolist()
         self._members = {member.filename.removesuffix(".npy"): member for member in members}
+        self.names: list[str] = list(self._members)
         if len(self._members) != len(members) or len(members) > MOST_ARRAYS:
             raise ValueError(f"it holds {len(members)} arrays, or one twice; {MOST_ARRAYS} different ones are allowed")
         for member in members:
@@ -154,17 +156,9 @@ class ArrayFile:
         if sum(member.file_size for member in members) > length:
             raise ValueError("it declares more bytes than it has")
 
-    def __enter__(self) -> "ArrayFile":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
         with interrupts_held_back():  # in Python code that runs because something is collected, Ctrl-C is lost
             del self._zip
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the arrays."""
-        return list(self._members)
 
     def read(self, name: str) -> NDArray[Any]:
         """One array, read-only. Its declared shape must be that of the bytes that follow."""
@@ -183,9 +177,8 @@ class ArrayFile:
         if not said.nbytes:
             return self.read(name)
         self._file.seek(info.header_offset + _LENGTHS_AT)
-        lengths = self._file.read(4)
-        name_length, extra = (int.from_bytes(part, "little") for part in (lengths[:2], lengths[2:]))
-        begin = info.header_offset + _LENGTHS_AT + len(lengths) + name_length + extra + info.file_size - said.nbytes
+        name_length, extra = struct.unpack("<HH", self._file.read(4))
+        begin = info.header_offset + _LENGTHS_AT + 4 + name_length + extra + info.file_size - said.nbytes
         if begin + said.nbytes > os.fstat(self._file.fileno()).st_size:
             raise ValueError(f"{name!r} is cut off")
         return np.asarray(np.memmap(self._file, said.dtype, "r", begin, said.shape, said.order))

@@ -17,6 +17,7 @@ from mpsim.errors import InputError, MpsimError, UnknownArgumentError
 
 Floats = NDArray[np.float64]
 Refused = TypeVar("Refused", bound=MpsimError)
+Number = TypeVar("Number", bound=np.generic)
 
 # --- All checks of user input: finite, dtype, shape, range. Messages: name, rule, value received, what to do
 
@@ -66,6 +67,11 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
     )
     if not fits:
         raise refusal(name, f"have shape {meaning}", f"shape {array.shape}", "Reshape the array.")
+    return read_only(array)
+
+
+def read_only(array: NDArray[Number]) -> NDArray[Number]:
+    """The same array, which cannot be written any more."""
     array.flags.writeable = False
     return array
 
@@ -393,11 +399,6 @@ class Binding:
         self._name, self._advice, self._error = name, advice, error
         self._first: weakref.ref[Any] | None = None
         self._restores = 0
-
-    @property
-    def exists(self) -> bool:
-        """Whether there has been a first object."""
-        return self._first is not None
 
     def bind_or_check(self, one: Any) -> None:
         """Bind to this simulation the first time; then refuse another one, or this one after it has gone back."""

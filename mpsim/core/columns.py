@@ -27,18 +27,10 @@ def kept_sizes(*parts: ArrayLike) -> NDArray[np.float64]:
     ([1.0, 1.0, 2.0], (0,))
     """
     arrays = [np.atleast_1d(np.asarray(part, np.float64)) for part in parts]
-    ends = [_least_and_most(part) for part in arrays if part.size]
-    if ends and min(low for low, _ in ends) == max(high for _, high in ends):
-        return equal_sizes(ends[0][0], sum(part.size for part in arrays))
-    sizes = np.concatenate(arrays)
-    sizes.flags.writeable = False
-    return sizes
-
-
-def _least_and_most(sizes: NDArray[np.float64]) -> tuple[float, float]:
-    if sizes.strides == (0,):
-        return float(sizes[0]), float(sizes[0])
-    return float(sizes.min()), float(sizes.max())
+    different = [part[:1] if part.strides == (0,) else part for part in arrays if part.size]
+    if different and min(map(np.min, different)) == (size := max(map(np.max, different))):
+        return equal_sizes(float(size), sum(part.size for part in arrays))
+    return checks.read_only(np.concatenate(arrays))
 
 
 # --- Arrays with a row per disc that are read in chunks, because no process holds them completely
@@ -76,11 +68,6 @@ class ChunkedArray:
 
     def __len__(self) -> int:
         return self.shape[0]
-
-    @property
-    def ndim(self) -> int:
-        """Number of axes."""
-        return len(self.shape)
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
         """A range of rows."""

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -92,19 +92,13 @@ class State:
         )
         if image is not None and box is None:
             raise InputError("image of a state needs box, which has the periods; got None. Give both, or neither.")
-        edges = None if box is None else checks.finite_array("box of a state", box, (4,), "(4,)").tolist()
-        walls = None if edges is None else tuple(edges)
-        values = {
-            "position": position,
-            "velocity": velocity,
-            "image": image,
-            "present": here,
-            "spin": spin,
-            "box": walls,
-        }
-        for name, value in values.items():
-            if name != "velocity" or value is not None:
-                object.__setattr__(self, name, _read_only(value) if isinstance(value, np.ndarray) else value)
+        walls = None if box is None else tuple(checks.finite_array("box of a state", box, (4,), "(4,)").tolist())
+        vars(self).update(position=position, velocity=velocity, image=image, present=here, spin=spin, box=walls)
+        if velocity is None:
+            del vars(self)["velocity"]
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                vars(self)[name] = checks.read_only(cast(Any, value).view())  # the caller's can still be written
 
     @classmethod
     def _taken_over(
@@ -307,10 +301,3 @@ def digest_of(values: Mapping[str, Any]) -> str:
 def present_in(state: State) -> Any:
     """An index of the discs that are present, for arrays of one row per disc; where all are, it copies nothing."""
     return slice(None) if state.present.all() else state.present
-
-
-def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """A view that cannot be written: the caller's array stays as it is."""
-    view = array.view()
-    view.flags.writeable = False
-    return view

@@ -34,15 +34,12 @@ def with_error(value: float, error: float, mark: str = "") -> str:
         return f"0({mark}{error:.2g})"
     power = math.floor(math.log10(max(abs(value), error)))
     power = power if not -4 <= power < 7 else 0
-    text = _parenthesis(value / 10.0**power, error / 10.0**power, mark)
-    return text if power == 0 else f"{text}e{power:+03d}"
-
-
-def _parenthesis(value: float, error: float, mark: str) -> str:
+    value, error = value / 10.0**power, error / 10.0**power
     decimals = max(1 - int(f"{error:.1e}".split("e")[1]), 0)
     rounded = f"{error:.{decimals}f}"
     digits = rounded if float(rounded) >= 1 else rounded.replace("0.", "", 1).lstrip("0")
-    return f"{value:.{decimals}f}({mark}{digits})"
+    text = f"{value:.{decimals}f}({mark}{digits})"
+    return text if power == 0 else f"{text}e{power:+03d}"
 
 
 # --- Converts values to plain JSON values, for the command line and tables

@@ -538,8 +538,7 @@ def present_numbers(solver: Solver, ids: ArrayLike) -> NDArray[np.int64]:
             f"ids must be discs that are there; disc {numbers[gone][0]} has been removed, or has left through an "
             "absorbing edge. sim.state.present says which discs are there."
         )
-    numbers.flags.writeable = False
-    return numbers
+    return checks.read_only(numbers)
 
 
 def _pairs(name: str, value: Any, count: int, solver: Solver) -> Floats:

@@ -58,20 +58,17 @@ def end_of_flight(scene: Scene, emitter: Emitter, radius: float, elapsed: float,
     def places(times: Floats) -> Floats:
         return start + times[:, None] * (velocity + 0.5 * times[:, None] * gravity)
 
+    def clear(times: Floats) -> NDArray[np.bool_]:
+        return _clear(scene, radius, places(times), time)
+
     length = elapsed * (math.hypot(*velocity) + math.hypot(*gravity) * elapsed)
     looks = int(np.clip(LOOKS_PER_RADIUS * length / radius, 1, MOST_LOOKS))
     times = np.linspace(0, elapsed, looks + 1)[1:]
-    clear = _clear(scene, radius, places(times), time)
-    flown = elapsed
-    if not clear.all():
-        blocked = int(np.argmin(clear))
+    free, flown = clear(times), elapsed
+    if not free.all():
+        blocked = float(times[np.argmin(free)])
         rounding = elapsed * float(np.finfo(float).eps)  # below it a flight that ends at its start would halve on to 0
-        flown = _last_clear(
-            lambda times: _clear(scene, radius, places(times), time),
-            float(times[blocked] - times[0]),
-            float(times[blocked]),
-            rounding,
-        )
+        flown = _last_clear(clear, blocked - float(times[0]), blocked, rounding)
     place = places(np.array([flown]))[0]
     for axis, length in enumerate((scene.width, scene.height)):
         if scene.periodic[axis]:
@@ -151,7 +148,6 @@ class Emission:
         self._notices = notices
         self._emitters = scene.emitters
         self.emits: bool = bool(scene.emitters)
-        self._common_radius = scene.largest_radius
         self._emitted = [0] * len(scene.emitters)
         self._due = [emitter.every or TRIES for emitter in scene.emitters]
         self._since = [0.0] * len(scene.emitters)
@@ -251,7 +247,7 @@ class Emission:
 
     def _kind(self, emitter: Emitter) -> tuple[float, float]:
         """Radius and mass of an emitter's discs."""
-        radius = emitter.radius if emitter.radius is not None else self._common_radius
+        radius = emitter.radius if emitter.radius is not None else self._scene.largest_radius
         return radius, emitter.mass if emitter.mass is not None else 1.0
 
     def _open(self) -> list[int]:

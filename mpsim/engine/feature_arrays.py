@@ -100,8 +100,7 @@ def typical_momentum(scene: Scene, dt: float) -> float:
     thermostat set in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
     """
     mass, fall = mean_mass(scene), math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
-    speeds = [fall, thermal_speed(scene)]
-    speeds += [speed] if (speed := scene._surface_speed) else []
+    speeds = [fall, thermal_speed(scene), scene._surface_speed]
     momenta = [_rms_momentum(scene)]
     if scene.emitters:
         masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])

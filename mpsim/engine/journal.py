@@ -132,7 +132,7 @@ class Journal:
         source = files.ending_as("run.toml", path, "a session")
         try:
             tables = tomllib.loads(files.text(source, MOST_BYTES))
-            return cls(**_checked(tables, source))
+            return cls(*_checked(tables, source))
         except InputError:
             raise
         except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
@@ -141,7 +141,7 @@ class Journal:
             ) from None
 
 
-def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
+def _checked(tables: dict[str, Any], source: Path) -> tuple[Scene, Settings, tuple[Change, ...], int, str]:
     """What a session file holds, as arguments of Journal."""
     if (version := tables.get("format")) != FORMAT:
         raise ValueError(f"its format is {version!r:.30}, and this version of mpsim reads {FORMAT}")
@@ -154,13 +154,8 @@ def _checked(tables: dict[str, Any], source: Path) -> dict[str, Any]:
     if not isinstance(changes, list) or not all(isinstance(each, dict) for each in changes):
         raise ValueError(f"its changes must be tables, each below [[change]]; got {changes!r:.60}")
     entries = [(each.pop("frame"), each.pop("time"), each.pop("what"), each) for each in changes]
-    return {
-        "scene": Scene.load(source.with_name(name)),
-        "settings": Settings(**tables["settings"]),
-        "changes": _checked_entries(entries, frame),
-        "frame": frame,
-        "digest": digest,
-    }
+    scene, settings = Scene.load(source.with_name(name)), Settings(**tables["settings"])
+    return scene, settings, _checked_entries(entries, frame), frame, digest
 
 
 def _checked_entries(entries: Iterable[Any], frame: Any) -> tuple[Change, ...]:

@@ -88,7 +88,7 @@ class Collisions:
         self._kinds = _kinds_of(between)
         self._ids = None if ids is None else _ids_of(ids)
         self._owner = Binding(type(self).__name__, "Make one for each.")
-        self._seen, self._handed = -1, 0
+        self._seen = self._handed = -1
         self._kept: list[NDArray[Any]] = []
         self._waiting: list[NDArray[Any]] = []
 
@@ -104,7 +104,7 @@ class Collisions:
         Raises:
             InputError: if this belongs to another one.
         """
-        if not self._owner.exists:
+        if self._handed < 0:
             self._handed = sim.frame
         self._owner.bind_or_check(sim)
 
@@ -281,7 +281,11 @@ def _every_of(observer: Any) -> int:
 
 
 class Observers:
-    """The observers of one run. Attribute seconds: the time they have taken, without that of compiling [s].
+    """The observers of one run.
+
+    Attributes:
+        seconds: the time they have taken, without that of compiling [s].
+        want_collisions: whether any of them asks for collisions.
 
     Raises:
         InputError: if one of them is no observer.
@@ -302,11 +306,7 @@ class Observers:
             if hasattr(each, "take_collisions"):
                 self._of_collisions.append(each)
             _every_of(each)
-
-    @property
-    def want_collisions(self) -> bool:
-        """Whether any of them asks for collisions."""
-        return bool(self._of_collisions)
+        self.want_collisions: bool = bool(self._of_collisions)
 
     def begin(self, sim: Simulation) -> None:
         """A run of a simulation begins."""

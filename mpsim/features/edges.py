@@ -77,10 +77,8 @@ class MovingWall(NamedTuple):
 
 def check_boundary(boundary: object) -> tuple[BoundaryName, BoundaryName]:
     """Boundary of x and of y, each one of BOUNDARIES; one word stands for both."""
-    each_of: Any = boundary
-    pair: tuple[Any, ...] = (each_of, each_of)
-    if not isinstance(each_of, str):
-        pair = tuple(each_of) if hasattr(each_of, "__iter__") else ()
+    each_of: Any = (boundary, boundary) if isinstance(boundary, str) else boundary
+    pair: tuple[Any, ...] = tuple(each_of) if hasattr(each_of, "__iter__") else ()
     if len(pair) != 2:
         raise InputError(f"boundary must be one word or one for x and one for y; got {checks.brief(boundary)}.")
     return cast(Any, tuple(checks.choice("boundary", word, BOUNDARIES) for word in pair))

@@ -95,10 +95,7 @@ class Piston:
             )
 
     def __repr__(self) -> str:
-        names = ("start",) if self.motion is None else ("start", "motion")
-        rest = "".join(f", {name}={value!r}" for name in names if (value := getattr(self, name)) is not None)
-        short = f", speed={self.speed!r}, stop={self.stop!r}" if self.motion is None else ""
-        return f"Piston(wall={self.wall!r}{short}{rest})"
+        return f"Piston({', '.join(f'{name}={each!r}' for name, each in vars(self).items() if each is not None)})"
 
 
 def check_piston(piston: Any, scene: Scene) -> Piston | tuple[Piston, ...] | None:

@@ -5,7 +5,6 @@ import io
 import math
 import shutil
 import textwrap
-from collections.abc import Iterable
 
 import numpy as np
 from rich.cells import cell_len
@@ -21,7 +20,6 @@ from mpsim.measure.registry import ERRORS, OBSERVABLES
 from mpsim.measure.statistics import FEWEST_BLOCKS, Measure
 from mpsim.studies import deviations
 from mpsim.studies.deviations import FEW_RUNS, RESOLVED, Deviation
-from mpsim.studies.ensemble import Cost
 from mpsim.studies.tradeoff import Row, Tradeoff
 
 # --- Trade-off studies
@@ -45,13 +43,9 @@ def cells(row: Row, measures: tuple[str, ...]) -> list[str]:
         return [row.label, f"failed: {row.failure}"]
     ran = f"{row.cost.method} x{row.cost.workers}"
     errors = [error_text(name, row.errors[name]) for name in measures]
-    return [row.label, cost_text(row.cost), ran, f"{row.cost.memory:.0f}", *errors]
-
-
-def cost_text(cost: Cost) -> str:
-    """A cost such as "12300(140)" or "1.523(20)": the median, and half the distance of the quartiles."""
-    spread = (cost.high - cost.low) / 2
-    return with_error(cost.median, spread) if spread > 0 else f"{cost.median:.3g}"
+    spread = (row.cost.high - row.cost.low) / 2  # half the distance of the quartiles
+    cost = with_error(row.cost.median, spread) if spread > 0 else f"{row.cost.median:.3g}"
+    return [row.label, cost, ran, f"{row.cost.memory:.0f}", *errors]
 
 
 def error_text(name: str, error: Deviation) -> str:
@@ -64,13 +58,6 @@ def error_text(name: str, error: Deviation) -> str:
     if error.exact:
         return "0"
     return with_error(scale * error.value, scale * error.error)
-
-
-def unresolved_text(errors: Iterable[Deviation]) -> str:
-    """What "not resolved" means for some errors, in words: the number of standard errors needed, more for few runs."""
-    freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
-    few = f", or {deviations.t_from_z(RESOLVED, freedom):.3g} with so few runs" if freedom + 1 < FEW_RUNS else ""
-    return f"not resolved, below {RESOLVED:g} standard errors{few}"
 
 
 def measure_text(name: str, measure: Measure) -> str:
@@ -120,11 +107,13 @@ def reasons(table: Tradeoff) -> list[str]:
 
 def title(table: Tradeoff) -> str:
     """The scene, the reference, the length of the runs, and the meaning of the signs."""
-    unresolved = unresolved_text(error for row in table.rows for error in row.errors.values())
+    errors = [error for row in table.rows for error in row.errors.values()]
+    freedom = min((each.freedom for each in errors if each.measurable), default=math.inf)
+    few = f", or {deviations.t_from_z(RESOLVED, freedom):.3g} with so few runs" if freedom + 1 < FEW_RUNS else ""
     return (
         f"{table.scene}; errors against {table.reference}; "
         f"averages over {table.starts}; runs of {table.until:.3g}, short ones of "
-        f"{table.short:.3g}; <: {unresolved}; n/m: not measurable"
+        f"{table.short:.3g}; <: not resolved, below {RESOLVED:g} standard errors{few}; n/m: not measurable"
     )
 
 

@@ -22,8 +22,9 @@ from mpsim.core import checks, files
 from mpsim.core.checks import Binding, Closable
 from mpsim.core.files import FileLock
 from mpsim.engine.simulation import Simulation
+from mpsim.engine.solvers.base import ALONE, Ranks
 from mpsim.engine.solvers.methods import capabilities_of
-from mpsim.engine.solvers.ranks.messages import ranks_sharing
+from mpsim.engine.solvers.ranks.messages import MpiRanks
 from mpsim.errors import InputError, OutputError, TrajectoryError, TrajectoryWarning, level_of_caller, reason_of
 from mpsim.features.edges import BoundaryName
 from mpsim.output.frames import Frame, Given, differs, frame_of, select
@@ -328,7 +329,7 @@ class TrajectoryWriter(Closable):
         self._on_ranks, self._closed = comm is not None, False
         self._last = -1  # number of the frame that was written last
         self._writer: Writer | None = None
-        self._ranks = ranks_sharing(comm)
+        self._ranks: Ranks = ALONE if comm is None else MpiRanks(comm)
         try:
             self._ranks.on_root(lambda: self._open(mode))
         except BaseException:

@@ -655,9 +655,7 @@ class Scene(ReadOnly):
 
     def _start_anew(self, position: NDArray[np.float64], velocity: NDArray[np.float64]) -> None:
         """Let the scene, a copy that nothing else refers to, start from arrays of shape (N, 2)."""
-        for array in (position, velocity):
-            array.flags.writeable = False
-        self._start = starts.GivenStart(position, velocity)
+        self._start = starts.GivenStart(checks.read_only(position), checks.read_only(velocity))
 
     def _without_discs(self) -> Scene:
         """A copy in which no disc starts, for checks of the rest."""
@@ -801,9 +799,7 @@ class Scene(ReadOnly):
     def _capsules_at(self, time: float) -> NDArray[np.float64]:
         """Obstacles as rows of `kernels.geometry`, read-only: the same array until they have moved."""
         if self._capsules is None or (self._obstacles_move and self._capsules[0] != time):
-            capsules = capsules_of(self.obstacles, time)
-            capsules.flags.writeable = False
-            self._capsules, self._capsule_index = (time, capsules), None
+            self._capsules, self._capsule_index = (time, checks.read_only(capsules_of(self.obstacles, time))), None
         return self._capsules[1]
 
     def _capsule_index_at(self, time: float) -> CapsuleIndex:

@@ -680,12 +680,12 @@ class Lattice:
     @cached_property
     def position(self) -> Floats:
         """Centres of all discs, shape (count, 2), read-only [length]."""
-        return _read_only(self.positions(0, self.count))
+        return checks.read_only(self.positions(0, self.count))
 
     @cached_property
     def velocity(self) -> Floats:
         """Velocities of all discs, shape (count, 2), read-only [length/time]."""
-        return _read_only(self.velocities(0, self.count))
+        return checks.read_only(self.velocities(0, self.count))
 
     def positions(self, first: int, last: int) -> Floats:
         """Centres of discs first to last - 1, shape (last - first, 2) [length]."""
@@ -819,11 +819,6 @@ def demand_whole_box(scene: Any) -> None:
 
 def _key(*numbers: int) -> NDArray[np.uint64]:
     return np.array(numbers, np.uint64)
-
-
-def _read_only(array: Floats) -> Floats:
-    array.flags.writeable = False
-    return array
 
 
 @dataclass(frozen=True, eq=False)

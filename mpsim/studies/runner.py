@@ -83,7 +83,7 @@ class Runner(Closable, Generic[Key]):
             for future in tuple(self._pending):
                 future.cancel()
             try:
-                self.__exit__()
+                self.close()
             finally:
                 for future, key in self._pending.items():
                     if future.done() and not future.cancelled() and future.exception() is None:
@@ -125,7 +125,7 @@ MOST_BYTES = 2**32
 """Largest size of a file: some ten million runs of a sweep."""
 
 
-class RunFile:
+class RunFile(Closable):
     """A file of finished runs. Use it in a `with` block; without a path it holds nothing.
 
     Args:
@@ -145,10 +145,7 @@ class RunFile:
         if path is not None:
             self._open(path)
 
-    def __enter__(self) -> "RunFile":
-        return self
-
-    def __exit__(self, *exception: object) -> None:
+    def close(self) -> None:
         """Hand the file to the disk, and to the next study."""
         if self._descriptor >= 0:
             descriptor, self._descriptor = self._descriptor, -1
@@ -230,7 +227,7 @@ class RunFile:
         try:
             self._read()
         except BaseException:
-            self.__exit__()
+            self.close()
             raise
 
     def _read(self) -> None:

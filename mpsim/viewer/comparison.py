@@ -31,6 +31,7 @@ from mpsim.measure.registry import refusal
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.studies.preliminary import AGREEMENT, divergence
+from mpsim.studies.runner import Stopped
 from mpsim.studies.tradeoff import label
 from mpsim.viewer.gauges import MeanPressure
 
@@ -79,10 +80,6 @@ class History:
     pressure: tuple[MeanPressure, MeanPressure] = field(default_factory=lambda: (MeanPressure(), MeanPressure()))
     parted: float | None = None  # time at which they were seen, or predicted, to part
     saturated: float | None = None  # time at which the distance was first seen to reach SATURATED
-
-
-class _StoppedError(Exception):
-    """The Lyapunov time is no longer wanted."""
 
 
 class Comparison:
@@ -148,9 +145,9 @@ class Comparison:
     def _find_divergence(self, scene: Scene, stopped: threading.Event) -> None:
         def check(done: int, of: int) -> None:
             if stopped.is_set():
-                raise _StoppedError
+                raise Stopped
 
-        with contextlib.suppress(MpsimError, _StoppedError):  # of a scene that has none, or that `event` cannot run
+        with contextlib.suppress(MpsimError, Stopped):  # of a scene that has none, or that `event` cannot run
             rate = divergence(scene, progress=check)
             check(1, 1)
             self._rate = rate

@@ -25,7 +25,7 @@ from mpsim.features.obstacles import Obstacle, Polyline, capsules_of
 from mpsim.features.properties import has_masses, has_radii
 from mpsim.scene.scene import Scene
 from mpsim.viewer.comparison import History
-from mpsim.viewer.protocol import DISC, Action, command, number, one_of
+from mpsim.viewer.protocol import DISC, Action, command, number
 
 # --- The parameters that a page can change, with the values and ranges of their sliders
 
@@ -351,7 +351,7 @@ class Interactions:
         self._sim.add_wall(wall)
         self._walls += 1
 
-    @command(name=one_of(changes.PARAMETER_NAMES), value=_parameter_value, same=checks.truth)
+    @command(name=partial(checks.choice, allowed=changes.PARAMETER_NAMES), value=_parameter_value, same=checks.truth)
     def do_change(self, name: str, value: Any, same: bool) -> None:
         """Change a parameter."""
         with self._gesture(("change", name), same):

@@ -10,7 +10,7 @@ declared once, by `command` before the method `do_NAME` that carries it out.
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -230,11 +230,6 @@ def command(*, replaces: bool = False, **arguments: Check) -> Callable[[Method],
 def whole(low: int, high: int) -> Check:
     """A check for whole numbers from low to high."""
     return lambda name, value: checks.whole(name, value, low, high, "See docs/howto/live-view.md.")
-
-
-def one_of(choices: Collection[str]) -> Check:
-    """A check for one of several words."""
-    return lambda name, value: checks.choice(name, value, choices)
 
 
 def number(name: str, value: Any) -> float:

@@ -197,16 +197,11 @@ class EventSolver(CollisionLog):
         last_event = float(clock["origin"] + clock["now"])
         return max(int(self._progress["frame"]) * self._settings.dt, last_event, self._stopped)
 
-    @property
-    def _clock_time(self) -> float:
-        """The same since the start [time]."""
-        return self._origin.time + self._present
-
     def reached(self, time: float) -> bool:
         return time - self._origin.time <= self._present
 
     def state(self, first: int = 0, last: int | None = None) -> State:
-        whole = event_block.state_of(self._scene, self._clock_time, self._found(), self.radii)
+        whole = event_block.state_of(self._scene, self._origin.time + self._present, self._found(), self.radii)
         return part_of(whole, first, self.count if last is None else last)
 
     def _found(self) -> dict[str, NDArray[Any]]:
@@ -225,7 +220,7 @@ class EventSolver(CollisionLog):
 
     def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
         there = self._found()
-        now = event_block.state_of(self._scene, self._clock_time, there, self.radii)
+        now = event_block.state_of(self._scene, self._origin.time + self._present, there, self.radii)
         columns = {**there, **vars(now)}
         kept = {each.name: columns[each.name] for each in self._scene._columns if each.name in columns}
         found = NewDiscs(now.position, now.velocity, self.radii, {**kept, MASS.name: self.masses})

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpsim.core.deferred_signals import interrupts_held_back
-from mpsim.engine.solvers.base import ALONE, Ranks
+from mpsim.engine.solvers.base import Ranks
 from mpsim.errors import BusyError, InputError
 
 Result = TypeVar("Result")
@@ -63,15 +63,6 @@ def ranks_of(comm: Any) -> int:
             f"comm must be a communicator of mpi4py, such as MPI.COMM_WORLD; got {comm!r}. Give that, for all ranks."
         )
     return (mpi.COMM_WORLD if comm is None else comm).size
-
-
-def ranks_sharing(comm: Any) -> Ranks:
-    """The ranks of a communicator; None: this process alone.
-
-    Raises:
-        InputError: as `ranks_of`.
-    """
-    return ALONE if comm is None else MpiRanks(comm)
 
 
 @contextlib.contextmanager
@@ -242,17 +233,13 @@ def _digest_of(given: object) -> str:
         elif isinstance(value, np.ndarray) and not value.dtype.hasobject:
             digest.update(f"{value.dtype.str} {value.shape} ".encode() + value.tobytes())
         else:
-            digest.update(_pickled(value))
+            try:
+                digest.update(pickle.dumps(value))
+            except Exception:  # whatever it is, it is refused by who knows what it should be
+                digest.update(type(value).__name__.encode())
 
     take(given)
     return digest.hexdigest()
-
-
-def _pickled(value: object) -> bytes:
-    try:
-        return pickle.dumps(value)
-    except Exception:  # whatever it is, it is refused by who knows what it should be
-        return type(value).__name__.encode()
 
 
 def _outcome_of(act: Callable[[], Any]) -> bytes:
