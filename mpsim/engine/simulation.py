@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import itertools
 import math
 import os
 import threading
@@ -335,7 +336,7 @@ class Simulation(ReadOnly, Closable):
         return int(np.where(state.present, np.hypot(*apart.T), np.inf).argmin())
 
     def within(self, shape: ArrayLike | Obstacle) -> NDArray[np.int64]:
-        """Ids of the discs with centres in a shape, shape (K,).
+        """Ids of the discs with centres, or images of them through a periodic border, in a shape, shape (K,).
 
         Args:
             shape: (x_low, y_low, x_high, y_high) [length], a Circle or a closed Polyline.
@@ -348,8 +349,12 @@ class Simulation(ReadOnly, Closable):
         ...     sim.within((0, 0, 4, 4)).tolist()
         [0]
         """
-        state = self.state
-        return np.flatnonzero(is_in(check_region("shape", shape), state.position.astype(np.float64)) & state.present)
+        state, region, scene = self.state, check_region("shape", shape), self.scene
+        here, position = np.zeros(len(state.position), bool), state.position.astype(np.float64)
+        images = [(-1, 0, 1) if wraps else (0,) for wraps in scene.periodic]
+        for image in itertools.product(*images):
+            here |= is_in(region, position + np.multiply(image, (scene.width, scene.height)))
+        return np.flatnonzero(here & state.present)
 
     @reading
     def local_state(self) -> tuple[NDArray[np.int64], State]:

@@ -212,7 +212,7 @@ def pinched(solver: Solver, scene: Scene, disc: int) -> str:
 # as often as a wall has taken a little of the box, and now and then. All of it depends on the state alone. So what
 # follows is the same with any number of workers, and however a run is cut into calls, saved or healed.
 
-BOUND, BOUND_BESIDE_SURFACES = 1.0, 0.5
+BOUND, BOUND_BESIDE_SURFACES = 1.0, 0.4
 """Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on
 it is too fast; and in scenes with obstacles in which something moves, and may press discs through them."""
 
@@ -298,10 +298,11 @@ class StepLimits:
     def at_start(self, notices: Notices) -> None:
         """Warn, before anything is run, of overlaps, lost digits, and speeds, unless these are refused."""
         scene = self._scene
-        overlaps = scene.overlaps_at_start() if self._has_steps else ""  # which are refused without steps
-        if overlaps:
-            text = "The first frames push them apart. To avoid this, give positions that leave room for the discs."
-            notices.warn(f"{overlaps}. {text}", OverlapWarning)
+        if overlaps := scene.overlaps_at_start():
+            text = "The first frames push them apart. To avoid this, g"
+            if not self._has_steps:  # where discs in each other are refused
+                text = "method='event' does not take them out: they stay in obstacles, or pass them. G"
+            notices.warn(f"{overlaps}. {text}ive positions that leave room for the discs.", OverlapWarning)
         self.at_resume(notices)
         if not self._has_steps:
             return
@@ -492,7 +493,7 @@ class StepLimits:
         length = f"its radius {speeds.limit:.3g}"
         lost = "one radius, discs may pass through each other without a collision"
         if self._bound < BOUND:
-            lost = "half a radius, what moves may press discs through an obstacle"
+            lost = f"{self._bound:g} radii, what moves may press discs through an obstacle"
         if speeds.between:
             length = f"its free path {speeds.limit:.3g} between the walls along {speeds.between}"
             lost = "one free path, bounces are lost"

@@ -44,6 +44,7 @@ from mpsim.engine.solvers.ranks.subdomain import (
 )
 from mpsim.engine.solvers.speeds import Fastest, Speeds, fastest_in, fastest_of, sides_at, speeds_together
 from mpsim.engine.solvers.stepped import Grid, SteppedSolver, disc_at
+from mpsim.engine.workers.pool import Team
 from mpsim.engine.workers.shared import SharedBlock
 from mpsim.engine.workers.worker import write_command
 from mpsim.errors import DivergedError, InputError
@@ -75,6 +76,7 @@ class MpiSolver(SteppedSolver):
         self._fastest: Fastest = 0, 0
         self._ranks: MpiRanks | None = None
         self._part = Subdomain(scene, settings)
+        self._team = Team()  # of this process alone: the other ranks are its workers
         self._last_frame = 0
         self._half_done = False
         self._tolerated, self._is_uneven = math.inf, False
