@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from support.scenes import gas, zoo
+from support.scenes import gas, scene_of, zoo
 from support.selection import long_but
 from support.visitor import Visitor, digest_alone, kept, paused, replayed
 
@@ -243,9 +243,7 @@ def test_each_stage_makes_room_for_itself():
 
 
 def test_a_drawn_wall_has_the_bits_of_one_that_a_program_adds_and_is_gone_after_undo_and_reset():
-    scene = mpsim.Scene(
-        width=14, height=SCENE.height, position=np.add(SCENE.position, (4, 0)), velocity=SCENE.velocity, radius=0.5
-    )
+    scene = scene_of(np.add(SCENE.position, (4, 0)), SCENE.velocity, 14, SCENE.height)
     with mpsim.Simulation(scene, PLAIN) as alone:
         alone.run(frames=5)
         alone.add_wall(mpsim.Polyline([(2, 0), (2, 8)], thickness=0.25))

@@ -22,7 +22,7 @@ import mpsim
 from mpsim.engine.solvers.ranks.messages import MpiRanks, library
 from mpsim.measure.registry import NAMES
 from support.processes import Outcome
-from support.scenes import gas, zoo
+from support.scenes import gas, scene_of, zoo
 from support.transforms import Units
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
@@ -49,9 +49,7 @@ class Case(NamedTuple):
 def corner(count: int = 300) -> mpsim.Scene:
     """All discs in one corner of a large box, of which most columns are empty at first."""
     dense = gas(count, 0.5, seed=5)
-    return mpsim.Scene(
-        width=4 * dense.width, height=dense.height, position=dense.position, velocity=dense.velocity, radius=0.5
-    )
+    return scene_of(dense.position, dense.velocity, 4 * dense.width, dense.height)
 
 
 def wandering(count: int = 600) -> mpsim.Scene:
