@@ -105,10 +105,8 @@ def test_a_disc_is_added_at_rest_with_what_discs_of_the_scene_have(words):
 
 
 def test_no_disc_is_added_in_an_obstacle_and_a_stroke_is_undone_at_once():
-    scene = mpsim.Scene(
-        width=8, height=8, position=[[0.1, 4]], velocity=[[0, 0]], radius=0.5, boundary=("periodic", "walls"),
-        obstacles=[mpsim.FixedDisc((4.0, 6.0), 0.5)],
-    )  # fmt: skip
+    peg = mpsim.FixedDisc((4.0, 6.0), 0.5)
+    scene = scene_of([[0.1, 4]], width=8, height=8, boundary=("periodic", "walls"), obstacles=[peg])
     with paused(scene, PLAIN) as page:
         assert "obstacle" in page.do("add", x=4.0, y=6.0, same=False)["note"]
         for x in (2.0, 3.2):

@@ -55,14 +55,8 @@ def corner(count: int = 300) -> mpsim.Scene:
 def wandering(count: int = 600) -> mpsim.Scene:
     """A crowd that goes round a long box, past all columns."""
     crowd = gas(count, 0.5, seed=5)
-    return mpsim.Scene(
-        width=4 * crowd.width,
-        height=crowd.height,
-        position=crowd.position,
-        velocity=0.2 * crowd.velocity + np.array([4.0, 0.0]),
-        radius=0.5,
-        boundary=("periodic", "walls"),
-    )
+    velocity = 0.2 * crowd.velocity + np.array([4.0, 0.0])
+    return scene_of(crowd.position, velocity, 4 * crowd.width, crowd.height, boundary=("periodic", "walls"))
 
 
 def fast() -> mpsim.Scene:
