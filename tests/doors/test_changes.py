@@ -47,9 +47,7 @@ OF_GAS = {
         ({"ids": 1, "impulse": 3.0}, ["impulse must have shape (2,) or (1, 2)", "got shape ()"]),
         ({"ids": 1, "impulse": (1e300, 0)}, ["impulse must be at most", "1e+300"]),
     ],
-    "remove": [
-        ({"ids": [3, 9]}, ["disc 9 has been removed"]),
-    ],
+    "remove": [({"ids": [3, 9]}, ["disc 9 has been removed"])],
     "add": [
         ({"position": [1, NAN], "velocity": [0, 0]}, ["position must be finite", "nan"]),
         ({"position": [[1, 1], [1, 99]], "velocity": [[0, 0], [0, 0]]}, ["position[1] must lie in", "99"]),
