@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from support.scenes import simulate, state_after
+from support.scenes import scene_of, simulate, state_after
 
 import mpsim
 from mpsim import ThermalWalls, Thermostat
@@ -18,8 +18,7 @@ pytestmark = pytest.mark.plain
 def lonely(count=30, **features):
     """Discs that meet nothing for a while, at rest: each has a lane of its own."""
     places = np.stack([np.full(count, 50.0), 4.0 * np.arange(count) + 2], axis=1)
-    return mpsim.Scene(width=100, height=4 * count, position=places, velocity=np.zeros((count, 2)), radius=0.25,
-                       boundary="periodic", **features)  # fmt: skip
+    return scene_of(places, width=100, height=4 * count, radius=0.25, boundary="periodic", **features)
 
 
 def chosen(frame, probability):

@@ -7,7 +7,7 @@ import pytest
 from support.checkpoints import in_parts
 from support.compare import assert_same_bits
 from support.goldens import FRAMES, SCENES, few, methods, pins
-from support.scenes import crowd, digest_after, gas, lattice, simulate, state_after, struck, zoo
+from support.scenes import crowd, digest_after, gas, lattice, scene_of, simulate, state_after, struck, zoo
 from support.selection import long_but
 
 import mpsim
@@ -60,9 +60,7 @@ def test_a_run_that_is_saved_half_way_and_resumed_has_the_pinned_digest(name, tm
 def test_an_exact_run_is_resumed_at_every_frame_of_a_lattice(tmp_path):
     """A lattice with velocities of few bits is full of events at the same time."""
     base = lattice(4, 4)
-    scene = mpsim.Scene(
-        width=base.width, height=base.height, position=base.position, velocity=np.round(base.velocity), radius=0.5
-    )
+    scene = scene_of(base.position, np.round(base.velocity), base.width, base.height)
     expected = state_after(scene, 8, method="event", dt=0.3)
     assert_same_bits(in_parts(scene, tmp_path / "run", [1] * 8, method="event", dt=0.3), expected, "every frame")
 

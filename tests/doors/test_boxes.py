@@ -8,7 +8,7 @@ import inspect
 import matplotlib as mpl
 import numpy as np
 import pytest
-from support.scenes import gas
+from support.scenes import gas, scene_of
 from support.visitor import Visitor, viewed
 
 import mpsim
@@ -208,8 +208,7 @@ def test_a_recording_shows_the_box_of_each_frame(tmp_path):
 
 def test_a_recording_of_a_moving_wall_has_its_numbers(tmp_path):
     """Without its scene, the box of later frames is another than that of the first: the gauges said nothing."""
-    scene = mpsim.Scene(width=8, height=8, position=[[3, 4], [6, 6]], velocity=[[1, 0], [0, 1]], radius=0.5,
-                        piston=mpsim.Piston("left", 1.0, 1.5))  # fmt: skip
+    scene = scene_of([[3, 4], [6, 6]], [[1, 0], [0, 1]], 8, 8, piston=mpsim.Piston("left", 1.0, 1.5))
     path = tmp_path / "a.xyz"
     with mpsim.Simulation(scene, mpsim.Settings(dt=0.1, method="naive")) as sim:
         with mpsim.Trajectory.write(path, every=5) as out:

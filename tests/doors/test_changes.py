@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from support.refusals import assert_refused
-from support.scenes import At, digest_after, gas, lattice, simulate
+from support.scenes import At, digest_after, gas, lattice, scene_of, simulate
 
 import mpsim
 from mpsim import InputError, ThermalWalls, Thermostat
@@ -47,9 +47,7 @@ OF_GAS = {
         ({"ids": 1, "impulse": 3.0}, ["impulse must have shape (2,) or (1, 2)", "got shape ()"]),
         ({"ids": 1, "impulse": (1e300, 0)}, ["impulse must be at most", "1e+300"]),
     ],
-    "remove": [
-        ({"ids": [3, 9]}, ["disc 9 has been removed"]),
-    ],
+    "remove": [({"ids": [3, 9]}, ["disc 9 has been removed"])],
     "add": [
         ({"position": [1, NAN], "velocity": [0, 0]}, ["position must be finite", "nan"]),
         ({"position": [[1, 1], [1, 99]], "velocity": [[0, 0], [0, 0]]}, ["position[1] must lie in", "99"]),
@@ -294,10 +292,7 @@ def test_a_wall_leaves_the_other_parts_of_a_scene_their_room():
 @pytest.mark.parametrize("method", METHODS)
 def test_obstacles_change_beside_a_piston_discs_of_two_sizes_and_an_emitter_that_ends(method):
     jet, piston = mpsim.Emitter((2, 9), (1, 0), every=5, limit=2, radius=0.25), mpsim.Piston("right", -0.25, 9)
-    scene = mpsim.Scene(
-        width=12, height=12, position=[[2, 2], [6, 6]], velocity=np.ones((2, 2)), radius=[0.5, 0.25],
-        emitters=jet, piston=piston,
-    )  # fmt: skip
+    scene = scene_of([[2, 2], [6, 6]], np.ones((2, 2)), 12, 12, radius=[0.5, 0.25], emitters=jet, piston=piston)
     with simulate(scene, method=method) as sim:
         wall = sim.add_wall([(4, 2), (4, 8)])
         sim.move_wall(wall, mpsim.Translation((0.25, 0), stop=1))
@@ -467,8 +462,7 @@ def test_the_scene_of_a_changed_simulation_begins_others_like_any_scene(name, me
     """Of it all discs are there, and the piston is where it was at first, beyond discs that it would have passed."""
     lid = mpsim.Piston("right", -8.0, 5), mpsim.Polyline([(5, 1), (5, 2)], motion=mpsim.Translation((0, 1), stop=2))
     places = [[2, 2], [2, 8], [4.5, 5], [11, 5]]
-    scene = mpsim.Scene(width=12, height=12, position=places, velocity=-np.ones((4, 2)), radius=0.5, piston=lid[0],
-                        obstacles=lid[1])  # fmt: skip
+    scene = scene_of(places, -np.ones((4, 2)), 12, 12, piston=lid[0], obstacles=lid[1])
     with simulate(scene, method=method, dt=0.0625) as sim:
         sim.run(frames=12)
         DONE[name](sim)
@@ -553,8 +547,7 @@ def test_a_session_file_that_is_too_large_is_refused_unread(session):
 
 
 def test_added_discs_have_ids_and_may_be_refused_where_others_are():
-    scene = mpsim.Scene(width=12, height=8, position=[[2, 2], [9, 6]], velocity=np.zeros((2, 2)), radius=0.5,
-                        boundary=("periodic", "walls"))  # fmt: skip
+    scene = scene_of([[2, 2], [9, 6]], width=12, height=8, boundary=("periodic", "walls"))
     with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
         assert sim.add((5, 5), (0, 0)).tolist() == [2]
         assert sim.add([(5, 2), (11.8, 4)], [(0, 0), (0, 0)], overlap="refuse").tolist() == [3, 4]
@@ -576,8 +569,7 @@ def test_added_discs_have_ids_and_may_be_refused_where_others_are():
 
 def test_the_nearest_disc_and_those_in_a_shape():
     places = [[2, 2], [6, 2], [11.5, 4], [6, 6]]
-    scene = mpsim.Scene(width=12, height=8, position=places, velocity=np.zeros((4, 2)), radius=0.5,
-                        boundary=("periodic", "walls"))  # fmt: skip
+    scene = scene_of(places, width=12, height=8, boundary=("periodic", "walls"))
     with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
         assert [sim.nearest(*point) for point in ((5, 2.5), (0.2, 4), (6, 7))] == [1, 2, 3]
         assert sim.within((1, 1, 6, 3)).tolist() == [0, 1]

@@ -13,7 +13,7 @@ from IPython.core.formatters import DisplayFormatter
 from matplotlib.colors import LogNorm, to_hex
 from matplotlib.figure import Figure
 from PIL import Image
-from support.scenes import gas, simulate
+from support.scenes import gas, scene_of, simulate
 
 import mpsim
 
@@ -34,8 +34,7 @@ def centres(figure):
 
 def three(**features):
     """Three discs in a row, and their scene."""
-    scene = mpsim.Scene(width=8, height=4, position=[[1, 2], [4, 2], [7, 2]], velocity=[[1, 0], [0, 2], [0, 0]],
-                        radius=[0.5, 0.75, 0.25], **features)  # fmt: skip
+    scene = scene_of([[1, 2], [4, 2], [7, 2]], [[1, 0], [0, 2], [0, 0]], 8, 4, radius=[0.5, 0.75, 0.25], **features)
     return mpsim.State(scene.position, scene.velocity, box=scene.box), scene
 
 
@@ -253,9 +252,7 @@ def test_pictures_follow_the_run_and_share_their_colours(tmp_path):
 
 def test_the_scale_of_speeds_is_that_of_all_pictures(tmp_path):
     """A disc that falls gets faster: in the first picture the same speed has a colour of the whole run."""
-    falling = mpsim.Scene(
-        width=4, height=20, position=[[2, 18], [1, 0.5]], velocity=[[0, 0], [0, 0]], radius=0.5, gravity=(0, -1)
-    )
+    falling = scene_of([[2, 18], [1, 0.5]], width=4, height=20, gravity=(0, -1))
     first, last = frames_of(mpsim.animate(falling, GRID, tmp_path / "a.gif", 2, every=200, **SMALL))
     colours = {tuple(each) for each in first.reshape(-1, 3)}
     assert {tuple(each) for each in last.reshape(-1, 3)} - colours, "the fast disc has another colour"
@@ -276,9 +273,7 @@ def pictures(tmp_path, scene, **arguments):
 def test_until_and_frames_say_how_many_pictures_there_are(tmp_path):
     assert pictures(tmp_path, PAIR, until=0.2, every=10) == 3
     assert pictures(tmp_path, PAIR, until=0.04, frames=225) == 5, "there are no more frames"
-    lasting = mpsim.Scene(
-        width=8, height=8, position=[[2, 4]], velocity=[[1, 0]], radius=1.0, duration=0.3, picture_interval=0.1
-    )
+    lasting = scene_of([[2, 4]], [[1, 0]], 8, 8, radius=1.0, duration=0.3, picture_interval=0.1)
     assert pictures(tmp_path, lasting) == 4, "as many as the duration of the scene needs"
     assert pictures(tmp_path, lasting, until=0.2) == 3
     assert 4 <= pictures(tmp_path, lasting, frames=5, until=1.0) <= 5

@@ -18,15 +18,13 @@ pytestmark = pytest.mark.plain
 LATTICE = 'Lattice="8 0 0 0 6 0 0 0 1"'
 ROWS = "X 1 1 0\nX 3 2 0\n"
 FRAME = f'2\n{LATTICE} Properties=species:S:1:pos:R:3 pbc="T T F"\n{ROWS}'
-DUMP = """ITEM: TIMESTEP
+BOX = "-4 4\n-3 5\n-0.5 0.5\n"
+DUMP = f"""ITEM: TIMESTEP
 70
 ITEM: NUMBER OF ATOMS
 2
 ITEM: BOX BOUNDS pp ff pp
--4 4
--3 5
--0.5 0.5
-ITEM: ATOMS id type x y z vx vy vz radius mass
+{BOX}ITEM: ATOMS id type x y z vx vy vz radius mass
 2 1 3.5 1 0 0.5 0.25 0 0.4 2
 1 1 -1 2 0 -1 1 0 0.5 1
 """
@@ -417,29 +415,20 @@ def test_all_coordinates_and_quantities_of_lammps_are_read(tmp_path):
     assert read(tmp_path, upright.replace(".5 0.5\n", ".5 0.5 0\n"), "a.dump").box == (8, 8)
 
 
+BEGINS = "line 1, must begin a frame of a LAMMPS dump with ITEM: TIMESTEP, NUMBER OF ATOMS, BOX B"
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        (
-            "-4 4\n-3 5\n-0.5 0.5",
-            "-4 4 1\n-3 5 0\n-0.5 0.5 0",
-            "line 5, must begin an upright rectangular box.*got '-4 4 1",
-        ),
-        ("-4 4\n-3 5\n-0.5 0.5", "8 0 0 -4\n0 8 0 -3\n0 0 1 0", "must begin an upright rectangular box"),
+        (BOX, "-4 4 1\n-3 5 0\n-0.5 0.5 0\n", "line 5, must begin an upright rectangular box.*got '-4 4 1"),
+        (BOX, "8 0 0 -4\n0 8 0 -3\n0 0 1 0\n", "must begin an upright rectangular box"),
         ("-4 4", "-4 nan", "line 6, must hold 6 finite numbers under ITEM: BOX BOUNDS; got '-4 nan"),
-        (
-            "ITEM: TIMESTEP",
-            "TIMESTEP",
-            "line 1, must begin a frame of a LAMMPS dump with ITEM: TIMESTEP, NUMB.* got 'TIMESTEP",
-        ),
+        ("ITEM: TIMESTEP", "TIMESTEP", BEGINS + ".* got 'TIMESTEP"),
         ("x y z", "x y x", "line 9, must name each column once; got 'id type x y x vx"),
         ("x y z", "a b c", "line 9, must name columns x and y, or xs, xu or xsu; got 'id type a b c vx"),
         ("0.4 2\n", "0.4\n", "line 10, must have 10 columns, as its ITEM: ATOMS says; got a line with 9"),
-        (
-            "BOX BOUNDS",
-            "BOX",
-            "line 1, must begin a frame of a LAMMPS dump with ITEM: TIMESTEP, NUMBER OF ATOMS, BOX B",
-        ),
+        ("BOX BOUNDS", "BOX", BEGINS),
     ],
 )
 def test_a_dump_that_is_no_plane_in_a_box_is_refused(tmp_path, old, new, words):

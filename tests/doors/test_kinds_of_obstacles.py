@@ -128,9 +128,8 @@ MOTIONS = [
 
 
 def test_motions_and_belts_are_in_scene_files(tmp_path):
-    moving = [
-        dataclasses.replace(each, motion=motion) for motion in MOTIONS for each in EXAMPLES[mpsim.Polyline][20:22]
-    ]
+    lines = EXAMPLES[mpsim.Polyline][20:22]
+    moving = [dataclasses.replace(each, motion=motion) for motion in MOTIONS for each in lines]
     alike = [dataclasses.replace(each, motion=MOTIONS[0], surface_velocity=0.5) for each in EXAMPLES[mpsim.FixedDisc]]
     scene = mpsim.Scene(width=20, height=15, radius=0.25, position=[], velocity=[], obstacles=[*moving, *alike],
                         wall_friction=0.5)  # fmt: skip
@@ -189,12 +188,9 @@ def is_clear(scene):
 @pytest.mark.parametrize(("name", "boundary"), list(zip(LONG, [*BOUNDARIES, *BOUNDARIES[1:]], strict=True)), ids=str)
 @pytest.mark.parametrize("count", [60, 190])  # one after the other at random, and from a lattice
 def test_random_discs_keep_clear_of_all_images(name, boundary, count):
-    obstacles = LONG[name]
     count = count // 2 if "thick" in name else count
-    scene = mpsim.Scene.random(
-        count=count, width=20, height=20, radius=0.5, seed=1, boundary=boundary, obstacles=obstacles
-    )
-    assert is_clear(scene)
+    box = {"width": 20, "height": 20, "boundary": boundary, "obstacles": LONG[name]}
+    assert is_clear(mpsim.Scene.random(count=count, radius=0.5, seed=1, **box))
 
 
 @pytest.mark.parametrize("boundary", BOUNDARIES, ids=str)
@@ -204,17 +200,11 @@ def test_discs_of_a_region_keep_clear_of_images_and_of_each_other(boundary, tmp_
     wraps = [each == "periodic" for each in ([boundary] * 2 if isinstance(boundary, str) else boundary)]
     region = [0.5 * (not wrap) for wrap in wraps] + [20 - 0.5 * (not wrap) for wrap in wraps]
     words = f'"{boundary}"' if isinstance(boundary, str) else str(list(boundary)).replace("'", '"')
-    text = (
-        f"schema = 1\nwidth = 20.0\nheight = 20.0\nboundary = {words}\n"
-        + group.format(region, 1)
-        + group.format(region, 2)
-    )
-    path = tmp_path / "a.toml"
-    path.write_text(
-        text + "[[obstacles]]\nposition = [10.0, 0.0]\nradius = 2.0\n[[obstacles]]\nposition = [0, 10]\nradius = 2.0\n"
-    )
-    scene = mpsim.Scene.load(path)
-    assert is_clear(scene)
+    text = f"schema = 1\nwidth = 20.0\nheight = 20.0\nboundary = {words}\n"
+    text += "".join(group.format(region, seed) for seed in (1, 2))
+    text += "[[obstacles]]\nposition = [10.0, 0.0]\nradius = 2.0\n[[obstacles]]\nposition = [0, 10]\nradius = 2.0\n"
+    (tmp_path / "a.toml").write_text(text)
+    assert is_clear(mpsim.Scene.load(tmp_path / "a.toml"))
 
 
 @pytest.mark.parametrize("boundary", ["periodic", ("walls", "periodic")], ids=str)

@@ -11,7 +11,7 @@ import pytest
 from support.scenes import At, box_of, gas, scene_of, simulate, state_of
 
 import mpsim
-from mpsim import Emitter, FixedDisc, InputError, Piston, Scene, State, measure
+from mpsim import Emitter, FixedDisc, InputError, Piston, State, measure
 
 pytestmark = pytest.mark.plain
 
@@ -211,8 +211,7 @@ def test_what_has_left_does_not_count_in_a_run():
 def test_what_a_change_in_the_run_makes_wrong_is_nan_and_nothing_else(change, lost):
     names = {"pressure", "pressure_virial", "pressure_xx", "collision_rate", "kinetic_energy", "energy_drift"}
     below = gas(16, 0.35, seed=3)
-    scene = Scene(width=below.width, height=below.height + 6, position=below.position, velocity=below.velocity,
-                  radius=0.5, mass=np.linspace(1, 2, 16))  # fmt: skip
+    scene = scene_of(below.position, below.velocity, below.width, below.height + 6, mass=np.linspace(1, 2, 16))
     with simulate(scene, method="naive", dt=0.05) as sim:
         found = sim.run(frames=20, measures=names, observe=At(10, change)).measures
         assert {name for name in names if np.isnan(found[name].value)} == lost

@@ -13,7 +13,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from support.compare import overlapping_pairs
 from support.refusals import GOOD, assert_refused
-from support.scenes import after, box_of, gas, lattice
+from support.scenes import after, box_of, gas, lattice, scene_of
 
 import mpsim
 from mpsim import (
@@ -377,8 +377,7 @@ def test_a_lattice_has_no_overlap_and_any_range_is_the_slice_of_the_whole(count,
     pieces = list(scene._start.pieces())
     assert (pieces[0][0], pieces[-1][1]) == (0, count)
     assert [last for _, last in pieces[:-1]] == [first for first, _ in pieces[1:]]
-    arrays = Scene(width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity, radius=0.5,
-                   boundary=boundary, gravity=(0, -1))  # fmt: skip
+    arrays = scene_of(scene.position, scene.velocity, scene.width, scene.height, boundary=boundary, gravity=(0, -1))
     assert arrays.digest() == scene.digest() == pickle.loads(pickle.dumps(scene)).digest()
 
 

@@ -344,13 +344,9 @@ def test_all_problems_are_told_at_once_each_by_its_key(problems):
         assert whole in found
     for near in ("title", "width", "rate", "temperature", "points", "limit", "workers"):
         assert any("this one is unknown" in text and text.endswith(f"Did you mean {near!r}?") for text in found), near
-    placed = (
-        HEAD
-        + "absorbing = ['left']\nboundary = ['periodic', 'walls']\nobstacles = [{ position = [11, 1], radius = 1 }]\n"
-    )
-    placed += (
-        ONE + ONE.replace("[2.0, 3.0]", "[4.0, 3.0], [9.9, 9.0]") + "[piston]\nwall = 'top'\nspeed = -1\nstop = 9\n"
-    )
+    placed = HEAD + "absorbing = ['left']\nboundary = ['periodic', 'walls']\n"
+    placed += "obstacles = [{ position = [11, 1], radius = 1 }]\n" + ONE
+    placed += ONE.replace("[2.0, 3.0]", "[4.0, 3.0], [9.9, 9.0]") + "[piston]\nwall = 'top'\nspeed = -1\nstop = 9\n"
     assert {text.split(" must ")[0] for text in problems(placed)} == {
         "discs[1].position[1]", "obstacles[0]", "absorbing", "piston.stop",
     }  # fmt: skip

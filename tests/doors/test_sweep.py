@@ -104,10 +104,8 @@ def test_any_values_are_points_and_are_handed_over_as_they_are(tmp_path):
 def test_values_that_a_repr_rounds_are_different_points():
     one, other = (Shape(np.array([side])) for side in (1.0, 1.0 + 1e-12))
     assert repr(one) == repr(other)
-    assert [row.values["y"] for row in sweep(lambda x: {"y": x.side[0]}, {"x": [one, other]}).rows] == [
-        1.0,
-        1.0 + 1e-12,
-    ]
+    found = sweep(lambda x: {"y": x.side[0]}, {"x": [one, other]})
+    assert [row.values["y"] for row in found.rows] == [1.0, 1.0 + 1e-12]
 
 
 def test_equal_values_are_one_point_and_objects_without_a_name_are_none():
@@ -180,7 +178,7 @@ def test_a_result_that_is_no_row_ends_a_sweep(result, text, tmp_path):
 # --- what is refused
 
 
-def takes(x, *, seed=0):
+def pair(x, z=0, seed=0):
     return {"y": x}
 
 
@@ -195,8 +193,8 @@ def takes(x, *, seed=0):
         ((gas, {"packings": [1]}), "grid, .*, must give gas its arguments by name, packing, seed; got packings "),
         ((gas, {"packing": [0.1]}), "grid, .* arguments .*; got packing .*'seed'.*and a 'seed' by seeds="),
         ((double, {"x": [1]}, 2), "grid, .*, must give double its arguments by name, x; got x, seed"),
-        ((takes, {"x": [1], "seed": [1]}, 2), "grid must have .* none of run, seed.*got 'seed'"),
-        ((takes, {"x": [1]}, 0), "seeds must be a whole number from 1 to 1000000; got 0"),
+        ((pair, {"x": [1], "seed": [1]}, 2), "grid must have .* none of run, seed.*got 'seed'"),
+        ((pair, {"x": [1]}, 0), "seeds must be a whole number from 1 to 1000000; got 0"),
         ((SCENE, {"dt": [1]}), "function must be a function; got <Scene"),
         ((double, {"x": [1]}, None, None, "/no/such/folder"), "path must be a file in a folder that can be written to"),
     ],
@@ -290,8 +288,7 @@ def measured(a, b, seed):
 
 @pytest.fixture(scope="module")
 def table():
-    grid = {"a": [1, 2], "b": ["x", None, (1, 2)]}
-    return sweep(measured, grid, 2)
+    return sweep(measured, {"a": [1, 2], "b": ["x", None, (1, 2)]}, 2)
 
 
 COLUMNS = ("run", "seed", "a", "b", "wall_seconds", "failure", "size", "count", "even", "word", "late")
@@ -389,18 +386,10 @@ def test_failed_runs_are_run_again(kept, tmp_path):
     assert done.values == {"y": 1}
 
 
-def other(x):
-    return {"y": x}
-
-
-def pair(x, z=0, seed=0):
-    return {"y": x}
-
-
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ((other, {"x": [1]}), 'has function "pair", and this sweep function "other"'),
+        ((double, {"x": [1]}), 'has function "pair", and this sweep function "double"'),
         ((functools.partial(pair, z=2), {"x": [1]}), r"has function .*this sweep function .*'z': 2"),
         ((pair, {"x": [1], "z": [2]}), r'has parameters \["x"\], and this sweep parameters \["x", "z"\]'),
         ((pair, {"x": [1]}, 2), "has seeded false, and this sweep seeded true"),
@@ -505,17 +494,13 @@ except (KeyboardInterrupt, SystemExit) as error:
 """
 
 
-def begun(folder, number):
-    path = folder / "calls"
-    return wait_until(lambda: path.exists() and len(path.read_text().split()) >= number, 20)
-
-
 def interrupted(text, number, executor, kept, folder):
     """The points that a sweep has kept to which a signal comes within its second run."""
+    calls = folder / "calls"
     text += INTERRUPTED.format(executor=executor, folder=str(folder), kept=str(kept))
     with Script(text + "executor and executor.shutdown()\n", warm=True) as script:
         assert [script.line() for _ in range(3)] == ["ready", "0", "1"]
-        assert begun(folder, 2)
+        assert wait_until(lambda: calls.exists() and len(calls.read_text().split()) >= 2, 20)
         script.send(number)
         assert script.line() == ("KeyboardInterrupt" if number == signal.SIGINT else "SystemExit")
         (folder / "go1").touch()

@@ -16,7 +16,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 import numpy as np
 import pytest
 from support.campaign import COARSE, FINE, PIECES, PUSH, REFLECT, SCENE, UNTIL, Costs, MadeUp, start
-from support.scenes import gas
+from support.scenes import gas, scene_of
 from support.swept import process_pool
 
 import mpsim
@@ -399,8 +399,7 @@ def test_a_table_goes_to_pandas(table):
         ({"scene": Scene(width=5, height=5, position=[[2, 2]], velocity=[[0, 0]], radius=0.5)}, "moves; got <Scene: 1"),
         ({"scene": Scene(width=2, height=2, position=[], velocity=[], radius=0.5)}, r"moves; got <Scene: 0 discs"),
         (
-            {"scene": Scene(width=9, height=9, position=[], velocity=[], radius=0.5,
-                            emitters=mpsim.Emitter((2, 2), (3, 2), every=5))},
+            {"scene": scene_of([], [], 9, 9, emitters=mpsim.Emitter((2, 2), (3, 2), every=5))},
             r"emitters\[0\] counts frames \(every=5\).*Use Emitter\(interval=",
         ),
     ],

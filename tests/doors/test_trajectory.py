@@ -14,7 +14,7 @@ import gsd.hoomd
 import numpy as np
 import pytest
 from support.processes import refusing
-from support.scenes import gas, simulate
+from support.scenes import gas, scene_of, simulate
 from support.selection import FORKS
 from support.trajectories import DT, ENDINGS, PLACES, SCENES, SPEEDS, content, killed_and_resumed, pair, written
 
@@ -117,19 +117,14 @@ def test_every_quantity_is_read_back_to_the_bit_and_is_where_the_formats_say(nam
 def test_numbers_of_all_sizes_are_kept(tmp_path):
     """Zeros of both signs in one column, too."""
     velocity = [[0.0, -0.0], [-0.0, -0.0], [1e-300, 2e150], [1e10, -1e10], [0.1, 1 / 3]]
-    scene = mpsim.Scene(
-        width=20, height=4, position=[[2 + 3 * k, 2] for k in range(5)], velocity=velocity, radius=0.5,
-        mass=[1.0, 1.0, 0.3, 1e140, 1.0],
-    )  # fmt: skip
+    scene = scene_of([[2 + 3 * k, 2] for k in range(5)], velocity, 20, 4, mass=[1.0, 1.0, 0.3, 1e140, 1.0])
     with simulate(scene, method="naive") as sim, mpsim.Trajectory.write(tmp_path / "a.xyz") as out:
         sim.run(frames=0, observe=out)
     (lines,) = words_of((tmp_path / "a.xyz").read_text())
     assert [line[7:9] for line in lines[:2]] == [["0.0", "-0.0"], ["-0.0", "-0.0"]]
     assert [float(word) for word in lines[3][10:12]] == [1e140 * 1e10, -1e140 * 1e10]
     (frame,) = mpsim.Trajectory(tmp_path / "a.xyz")
-    assert [[repr(each) for each in row] for row in frame.velocity.tolist()] == [
-        [repr(each) for each in row] for row in velocity
-    ]
+    assert repr(frame.velocity.tolist()) == repr(velocity), "with the signs of zeros"
 
 
 @pytest.mark.long
@@ -138,9 +133,7 @@ def test_frames_of_very_many_discs_are_written_in_parts(tmp_path):
     path = tmp_path / "a.xyz"
     start = mpsim.Scene.lattice(count=20_001, packing=0.4, radius=0.5, temperature=1.0, seed=1)
     mass = np.random.default_rng(1).uniform(1, 2, 20_001)
-    scene = mpsim.Scene(
-        width=start.width, height=start.height, position=start.position, velocity=start.velocity, radius=0.5, mass=mass
-    )
+    scene = scene_of(start.position, start.velocity, start.width, start.height, mass=mass)
     digest = written(path, scene, frames=0, every=1, method="naive")
     (frame,) = mpsim.Trajectory(path)
     assert frame.state.digest() == digest

@@ -163,33 +163,35 @@ def test_every_door_is_refused_in_a_fork_and_the_parent_continues_as_if_alone(me
         assert sim.digest() == digest_after(lattice(20, 20), 20, method=ALONE[method])
 
 
+PARENT = """
+import gc, multiprocessing, os, sys, time, warnings
+from support.scenes import lattice, simulate
+
+warnings.filterwarnings("ignore", "This process", DeprecationWarning)  # 3.12: fork beside threads
+sim = simulate(lattice(20, 20), method="parallel", workers=2)
+sim.run(frames=2)
+"""
+
+
 def test_forks_that_end_like_programs_are_silent_and_take_nothing_away():
     """Their end runs what is registered for the end of the parent; nor does a child of multiprocessing."""
-    outcome = run_script(
-        """
-        import gc, multiprocessing, os, sys, warnings
-        from support.scenes import lattice, simulate
-
-        warnings.filterwarnings("ignore", "This process", DeprecationWarning)  # 3.12: fork beside threads
-        sim = simulate(lattice(20, 20), method="parallel", workers=2)
-        sim.run(frames=2)
-        if (child := os.fork()) == 0:
-            sys.exit(0)
-        print(os.waitpid(child, 0)[1])
-        if (child := os.fork()) == 0:
-            sim.close()
-            del sim
-            gc.collect()
-            os._exit(0)
-        print(os.waitpid(child, 0)[1])
-        child = multiprocessing.get_context("fork").Process(target=print, args=("child",))
-        child.start()
-        child.join()
-        sim.run(frames=2)
-        print(sim.frame)
-        """,
-        warm=True,
-    )
+    text = """
+if (child := os.fork()) == 0:
+    sys.exit(0)
+print(os.waitpid(child, 0)[1])
+if (child := os.fork()) == 0:
+    sim.close()
+    del sim
+    gc.collect()
+    os._exit(0)
+print(os.waitpid(child, 0)[1])
+child = multiprocessing.get_context("fork").Process(target=print, args=("child",))
+child.start()
+child.join()
+sim.run(frames=2)
+print(sim.frame)
+"""
+    outcome = run_script(PARENT + text, warm=True)
     assert_clean(outcome)
     assert outcome.out == "0\n0\nchild\n4\n"
 
@@ -197,19 +199,12 @@ def test_forks_that_end_like_programs_are_silent_and_take_nothing_away():
 def test_workers_end_with_their_coordinator_although_a_fork_of_it_lives_on():
     """A fork holds the other ends of all pipes open, which would tell workers that their coordinator is gone."""
     text = """
-    import os, time, warnings
-    from support.scenes import lattice, simulate
-
-    warnings.filterwarnings("ignore", "This process", DeprecationWarning)  # 3.12: fork beside threads
-    sim = simulate(lattice(20, 20), method="parallel", workers=2)
-    sim.run(frames=2)
-    child = os.fork()
-    if child == 0:
-        time.sleep(100)
-    print(child, *sim.pids)
+if (child := os.fork()) == 0:
     time.sleep(100)
-    """
-    with Script(text, warm=True) as script:
+print(child, *sim.pids)
+time.sleep(100)
+"""
+    with Script(PARENT + text, warm=True) as script:
         child, worker = map(int, script.line().split())
         script.send(signal.SIGKILL)
         assert wait_until(lambda: is_gone(worker), 5), "the worker has outlived its coordinator"

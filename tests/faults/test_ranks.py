@@ -39,8 +39,8 @@ def test_a_rank_that_ends_ends_the_job(act):
     assert "rank one" in done.err or "signal 9" in done.err + done.out or "Killed" in done.err + done.out
 
 
-SAVING = """
-import os, signal, sys, threading, mpsim
+SIGNALLED = """
+import os, signal, sys, mpsim
 from mpi4py import MPI
 from support.ranks import tell
 from support.scenes import gas
@@ -49,6 +49,10 @@ with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as s
     def at(done, frames):
         if done > 30 and MPI.COMM_WORLD.rank == 1:
             os.kill(os.getpid(), signal.{signal})
+"""
+"""Within its run one rank sends itself a signal."""
+
+SAVING = """
     try:
         sim.run(frames=10**9, checkpoint=sys.argv[1], checkpoint_every={every}, progress=at)
     except SystemExit as end:
@@ -60,7 +64,7 @@ with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as s
 @pytest.mark.parametrize(("signal", "every"), long_but([("SIGKILL", 10), ("SIGTERM", 10**6)], ("SIGTERM", 10**6)))
 def test_a_rank_that_is_told_to_end_leaves_a_checkpoint_with_which_one_process_goes_on(signal, every, tmp_path):
     path = tmp_path / "run.mpsim"
-    done = on_ranks(2, str(path), script=SAVING.format(signal=signal, every=every), bound=BOUND)
+    done = on_ranks(2, str(path), script=(SIGNALLED + SAVING).format(signal=signal, every=every), bound=BOUND)
     assert (done.code == 0) == (signal == "SIGTERM"), done.err
     assert done.out.count("ended at") == (2 if signal == "SIGTERM" else 0)
     settings = mpsim.Settings(method="grid", dt=0.01)
@@ -82,9 +86,9 @@ def other(**features):
     given = dict(width=start.width, height=start.height, position=start.position, velocity=start.velocity, radius=0.5)
     return mpsim.Scene(**given | features)
 
-def runs(scene, frames=1, **given):
+def runs(scene, **given):
     with mpsim.Simulation(scene, **split({"method": "mpi"} | given)) as sim:
-        sim.run(frames=frames)
+        sim.run(frames=1)
 
 def added(rank=0):
     with mpsim.Simulation(start, mpsim.Settings(method="mpi")) as sim:
@@ -107,12 +111,6 @@ def diverging():
         discs.x[:count][discs.id[:count] == 7] = np.nan
         sim.run(frames=3)
 
-def refused_alone():
-    runs(start, unguarded=world.rank == 1)
-
-def too_fast_alone():
-    runs(start if world.rank == 0 else other(velocity=start.velocity * 1e3), on_fast="error")
-
 giants = other(radius=np.where(np.arange(200) == 7, 5.0, 0.5), position=start.position * 2 + 4, width=99, height=99)
 few = mpsim.Scene(width=3, height=30, position=[[1.5, 5], [1.5, 20]], velocity=np.zeros((2, 2)), radius=1.4)
 acts = {
@@ -124,8 +122,8 @@ acts = {
     "communicator of grid": lambda: runs(start, comm=world, method="grid"),
     "different scenes": lambda: runs(gas(200, 0.2, seed=world.rank)),
     "different gravity": lambda: runs(other(gravity=(0.0, -float(world.rank)))),
-    "refused on one rank": refused_alone,
-    "too fast on one rank": too_fast_alone,
+    "refused on one rank": lambda: runs(start, unguarded=world.rank == 1),
+    "too fast on one rank": lambda: runs(other(velocity=start.velocity * 1e3**world.rank), on_fast="error"),
     "different settings": lambda: runs(start, dt=0.01 * (1 + world.rank)),
     "too many ranks": lambda: runs(few),
     "added": added,
@@ -196,15 +194,6 @@ def test_without_mpi_the_error_says_what_to_install():
 
 
 INTERRUPTED = """
-import os, signal, sys, mpsim
-from mpi4py import MPI
-from support.ranks import tell
-from support.scenes import gas
-
-with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as sim:
-    def at(done, frames):
-        if done > 30 and MPI.COMM_WORLD.rank == 1:
-            os.kill(os.getpid(), signal.SIGINT)
     try:
         sim.run(frames=10**9, progress=at)
     except KeyboardInterrupt:
@@ -216,7 +205,8 @@ with mpsim.Simulation(gas(500, 0.3), mpsim.Settings(method="mpi", dt=0.01)) as s
 
 
 def test_ctrl_c_on_one_rank_comes_to_all_at_one_frame_and_the_simulation_goes_on(tmp_path):
-    done = on_ranks(2, str(tmp_path / "run"), script=INTERRUPTED, bound=BOUND)
+    script = SIGNALLED.format(signal="SIGINT") + INTERRUPTED
+    done = on_ranks(2, str(tmp_path / "run"), script=script, bound=BOUND)
     assert done.code == 0, done.err
     (one, other, *digests) = done.out.splitlines()
     assert one == other

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from support.scenes import gas, simulate
+from support.scenes import gas, scene_of, simulate
 from support.visitor import FASTEST, KNEE, Visitor, digest_alone, kept, paused, viewed
 
 import mpsim
@@ -226,9 +226,7 @@ def test_a_simulation_of_the_program_is_shown_and_stays_its_own():
 
 
 def test_a_run_that_fails_pauses_with_the_reason_and_can_be_reset():
-    scene = mpsim.Scene(
-        width=9, height=4, position=[[2, 2], [3, 2]], velocity=[[6, 0], [0, 0]], radius=[0.5, 0.05], mass=[1.0, 1.0]
-    )
+    scene = scene_of([[2, 2], [3, 2]], [[6, 0], [0, 0]], 9, 4, radius=[0.5, 0.05], mass=[1.0, 1.0])
     with paused(scene, mpsim.Settings(method="grid", on_fast="error")) as page:
         page.say("play")
         page.hear_until(lambda v: v.phase == "paused" and v.last["status"]["note"])

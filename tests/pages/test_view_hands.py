@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from support.scenes import gas, zoo
+from support.scenes import gas, scene_of, zoo
 from support.selection import long_but
 from support.visitor import Visitor, digest_alone, kept, paused, replayed
 
@@ -105,10 +105,8 @@ def test_a_disc_is_added_at_rest_with_what_discs_of_the_scene_have(words):
 
 
 def test_no_disc_is_added_in_an_obstacle_and_a_stroke_is_undone_at_once():
-    scene = mpsim.Scene(
-        width=8, height=8, position=[[0.1, 4]], velocity=[[0, 0]], radius=0.5, boundary=("periodic", "walls"),
-        obstacles=[mpsim.FixedDisc((4.0, 6.0), 0.5)],
-    )  # fmt: skip
+    peg = mpsim.FixedDisc((4.0, 6.0), 0.5)
+    scene = scene_of([[0.1, 4]], width=8, height=8, boundary=("periodic", "walls"), obstacles=[peg])
     with paused(scene, PLAIN) as page:
         assert "obstacle" in page.do("add", x=4.0, y=6.0, same=False)["note"]
         for x in (2.0, 3.2):
@@ -243,9 +241,7 @@ def test_each_stage_makes_room_for_itself():
 
 
 def test_a_drawn_wall_has_the_bits_of_one_that_a_program_adds_and_is_gone_after_undo_and_reset():
-    scene = mpsim.Scene(
-        width=14, height=SCENE.height, position=np.add(SCENE.position, (4, 0)), velocity=SCENE.velocity, radius=0.5
-    )
+    scene = scene_of(np.add(SCENE.position, (4, 0)), SCENE.velocity, 14, SCENE.height)
     with mpsim.Simulation(scene, PLAIN) as alone:
         alone.run(frames=5)
         alone.add_wall(mpsim.Polyline([(2, 0), (2, 8)], thickness=0.25))

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from support.processes import run_script
 from support.scenes import gas
-from support.visitor import Picture, digest_alone, read, read_session
+from support.visitor import Picture, Visitor, digest_alone, read, read_session
 
 import mpsim
 
@@ -176,8 +177,6 @@ def test_what_is_wrong_is_named(arguments, text):
 
 def test_without_the_package_the_extra_is_named():
     """In a process of its own: the class of the widget is made once."""
-    from support.processes import run_script  # noqa: PLC0415
-
     outcome = run_script(
         """
         import sys
@@ -310,6 +309,8 @@ class NotebookPage:
     none; loses: what the notebook's server drops on the way to it: a function of a
     message."""
 
+    frame, phase = Visitor.frame, Visitor.phase
+
     def __init__(self, front: FrontEnd, name: str):
         self.front, self.name = front, name
         self.opened, self.closed, self.pictures, self.pings, self.dead = 0, None, 0, 0, False
@@ -354,11 +355,3 @@ class NotebookPage:
         end = time.monotonic() + PATIENCE
         with self.front.news:
             assert self.front.news.wait_for(lambda: holds(self), end - time.monotonic()), (self.last, self.closed)
-
-    @property
-    def frame(self) -> int:
-        return -1 if self.picture is None else self.picture.frame
-
-    @property
-    def phase(self) -> str | None:
-        return self.last.get("status", {}).get("phase")

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from support.scenes import gas
+from support.scenes import gas, scene_of
 from support.visitor import ABSORBED, FASTEST, HEADER, KNEE, STEPS, Visitor, paused, viewed
 from websockets.exceptions import ConnectionClosed
 
@@ -20,9 +20,7 @@ GAS = gas(20, 0.2)
 
 
 def test_bytes_of_a_picture_are_where_the_format_says():
-    scene = mpsim.Scene(
-        width=4, height=2, position=[[1.0, 0.5], [3.5, 1.5]], velocity=[[0.0, 2.0], [9.0, 0.0]], radius=[0.5, 0.25]
-    )
+    scene = scene_of([[1.0, 0.5], [3.5, 1.5]], [[0.0, 2.0], [9.0, 0.0]], 4, 2, radius=[0.5, 0.25])
     with paused(scene, GRID) as page:
         radii, picture = page.raw[:2]
     usual = float(np.quantile([2.0, 9.0], 0.98))
@@ -61,10 +59,7 @@ def test_pictures_of_a_run_show_its_state():
 
 
 def test_discs_across_a_periodic_border_are_shown_a_period_away():
-    scene = mpsim.Scene(
-        width=4, height=6, position=[[0.1, 3.0], [2.0, 5.9]], velocity=[[-2, 0], [0, 2]], radius=0.25,
-        boundary="periodic",
-    )  # fmt: skip
+    scene = scene_of([[0.1, 3.0], [2.0, 5.9]], [[-2, 0], [0, 2]], 4, 6, radius=0.25, boundary="periodic")
     with mpsim.Simulation(scene, GRID) as sim, paused(sim) as page:
         sim.run(frames=20)
         page.hear_until(lambda v: v.frame == 20)

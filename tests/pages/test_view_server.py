@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 import pytest
 from support.commands import mpsim_command
 from support.processes import Script, assert_clean, assert_nothing_left_of, run_script
-from support.scenes import gas
+from support.scenes import gas, scene_of
 from support.selection import long_but
 from support.visitor import Visitor, digest_alone, fetch, kept, paused, viewed
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -390,9 +390,7 @@ for path in {!r}:
 @pytest.mark.long
 def test_the_command_shows_the_folder_of_a_run_with_its_obstacles_and_its_file(tmp_path):
     scene, folder = tmp_path / "pegs.toml", tmp_path / "run"
-    mpsim.Scene(
-        width=9, height=9, position=[[2, 2]], velocity=[[1, 0]], radius=0.5, obstacles=[mpsim.FixedDisc((6, 6), 0.5)]
-    ).save(scene)
+    scene_of([[2, 2]], [[1, 0]], 9, 9, obstacles=[mpsim.FixedDisc((6, 6), 0.5)]).save(scene)
     words = ["run", scene, "--frames", "20", "--every", "5", "--out", folder, "--method", "naive"]
     assert mpsim_command(*words).exit_code == 0
     with Script(TWO.format([str(folder), str(folder / "trajectory.xyz")]), env=PLAIN) as script:

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from support.scenes import simulate, state_after
+from support.scenes import scene_of, simulate, state_after
 
 import mpsim
 from mpsim import FixedDisc, Polyline, Scene
@@ -142,8 +142,7 @@ def test_a_pair_is_visited_once_so_no_contact_undoes_itself(method, precision):
 def test_discs_at_one_point_part_in_all_directions(boundary, law, method, contact, precision):
     """More than a box 4 wide has room for in a line, at rest or with the same velocity."""
     for velocity in ([0.0, 0.0], [1.0, 0.5]):
-        scene = Scene(width=4, height=4, position=[[2.0, 2.0]] * 6, velocity=[velocity] * 6, radius=0.5,
-                      boundary=boundary)  # fmt: skip
+        scene = scene_of([[2.0, 2.0]] * 6, [velocity] * 6, 4, 4, boundary=boundary)
         state = state_after(scene, 60, method=method, contact=contact, law=law, precision=precision, dt=0.01)
         position = np.asarray(state.position, float)
         apart = position[:, None] - position
@@ -196,8 +195,7 @@ def test_collisions_of_two_discs_and_a_wall_count_the_digits_of_pi(power):
     counted = []
     for mass in (100.0**power, 2 * 100.0**power):
         met = mpsim.Collisions()
-        scene = Scene(width=300, height=1, position=[[3, 0.5], [8, 0.5]], velocity=[[0, 0], [-1, 0]],
-                      radius=[0.4, 0.5], mass=[1.0, mass])  # fmt: skip
+        scene = scene_of([[3, 0.5], [8, 0.5]], [[0, 0], [-1, 0]], 300, 1, radius=[0.4, 0.5], mass=[1.0, mass])
         with simulate(scene, method="event", dt=100.0) as sim:
             report = sim.run(frames=1, observe=met)
         counted.append(len(met.table))
@@ -220,8 +218,7 @@ def test_a_disc_that_an_impact_throws_at_a_wall_bounces_in_the_same_step(walls, 
     axis, e = int(gravity is not None), walls.get("wall_restitution", 1.0)
     position, velocity = np.full((2, 2), 5.0), np.zeros((2, 2))
     position[:, axis], velocity[1, axis] = (0.5 + 1 / 16, 0.5 + 1 / 16 + 1 + 1 / 16), -8
-    scene = Scene(width=20, height=20, radius=0.5, position=position, velocity=velocity,
-                  gravity=gravity and (0.0, gravity), **walls)  # fmt: skip
+    scene = scene_of(position, velocity, gravity=gravity and (0.0, gravity), **walls)
     found = {}
     for contact in ("impact", "push"):
         sensor = mpsim.Sensor(wall="bottom" if axis else "left")
@@ -255,8 +252,7 @@ def test_the_time_place_and_impulse_of_a_bounce_are_those_of_touching(method, pu
     for number, (axis, sign) in enumerate([(0, -1), (0, 1), (1, -1), (1, 1)]):
         velocity, gravity, place = np.zeros(2), np.zeros(2), np.full(2, 4.0)
         velocity[axis], gravity[axis] = 1.5 * sign, pull * sign
-        scene = Scene(width=8, height=8, position=[[4, 4]], velocity=[velocity], radius=0.5,
-                      gravity=gravity if pull else None)  # fmt: skip
+        scene = scene_of([[4, 4]], [velocity], 8, 8, gravity=gravity if pull else None)
         for contact in ("impact", "push"):
             met = mpsim.Collisions()
             with simulate(scene, method=method, contact=contact, dt=0.3) as sim:
@@ -277,10 +273,6 @@ def test_the_time_place_and_impulse_of_a_bounce_are_those_of_touching(method, pu
 DT = 1 / 64
 
 
-def scene_of(position, velocity, width=8.0, height=8.0, **features):
-    return mpsim.Scene(width=width, height=height, position=position, velocity=velocity, radius=0.5, **features)
-
-
 def run(scene, frames, **settings):
     """State after so many frames of 1/64."""
     with simulate(scene, **{"dt": DT, "method": "grid", **settings}) as sim:
@@ -291,7 +283,7 @@ def run(scene, frames, **settings):
 
 def test_a_pushed_disc_repeats_its_flight_between_two_walls_exactly():
     """From wall to wall it is 7 length units, 56 frames; the frame after is spent turning round at the wall."""
-    scene = scene_of([[7.5, 4]], [[-1, 0]])
+    scene = scene_of([[7.5, 4]], [[-1, 0]], 8, 8)
     for frames, x, v in ((56, 0.5, -1), (57, 0.5, 1), (57 + 56, 7.5, 1), (114, 7.5, -1)):
         state = run(scene, frames, dt=1 / 8)
         assert (state.position.tolist(), state.velocity.tolist()) == ([[x, 4]], [[v, 0]]), f"after {frames} frames"
@@ -300,15 +292,15 @@ def test_a_pushed_disc_repeats_its_flight_between_two_walls_exactly():
 @pytest.mark.parametrize("settings", [{"method": "event"}, {"contact": "impact"}], ids=str)
 def test_a_disc_is_mirrored_at_a_wall_at_any_part_of_a_frame(settings):
     """After 1/8 + 1/32 past each wall it is as far on its way back; `push` would have stopped at the wall."""
-    state = run(scene_of([[7, 4]], [[1, 0]]), 21, **{"dt": 1 / 32, **settings})
+    state = run(scene_of([[7, 4]], [[1, 0]], 8, 8), 21, **{"dt": 1 / 32, **settings})
     assert (state.position.tolist(), state.velocity.tolist()) == ([[7.5 - 5 / 32, 4]], [[-1, 0]])
-    state = run(scene_of([[7, 4]], [[1, 0]]), 3, **{"dt": 1 / 4, **settings})
+    state = run(scene_of([[7, 4]], [[1, 0]], 8, 8), 3, **{"dt": 1 / 4, **settings})
     assert (state.position.tolist(), state.velocity.tolist()) == ([[7.25, 4]], [[-1, 0]])
 
 
 @pytest.mark.parametrize("method", ["naive", "grid", "event"])
 def test_a_corner_turns_both_components(method):
-    state = run(scene_of([[7, 1]], [[2, -2]]), 17, method=method)
+    state = run(scene_of([[7, 1]], [[2, -2]], 8, 8), 17, method=method)
     back = 1 / 32 if method == "event" else 0
     assert state.position.tolist() == [[7.5 - back, 0.5 + back]]
     assert state.velocity.tolist() == [[-2, 2]]
@@ -316,7 +308,7 @@ def test_a_corner_turns_both_components(method):
 
 def test_free_fall_with_push_is_first_order_in_dt_and_exact_without():
     """Against y = y_0 + g t^2 / 2 the error is g t dt / 2, of y_n = y_0 + g dt^2 n (n + 1) / 2. Substeps are frames."""
-    g, t, scene = -2.0, 1.0, scene_of([[4, 7]], [[0, 0]], gravity=(0, -2.0))
+    g, t, scene = -2.0, 1.0, scene_of([[4, 7]], width=8, height=8, gravity=(0, -2.0))
     for settings, part in (({"contact": "push"}, 0.5), ({"contact": "impact"}, 0.0), ({"method": "event"}, 0.0)):
         errors = [7 + g * t**2 / 2 - run(scene, n, dt=t / n, **settings).position[0, 1] for n in (16, 32)]
         assert errors == [-g * t * (t / n) * part for n in (16, 32)], settings
@@ -325,9 +317,9 @@ def test_free_fall_with_push_is_first_order_in_dt_and_exact_without():
 
 def test_accelerations_of_each_disc_and_gravity_add_up():
     places, own = [[2, 2], [4, 4], [6, 6]], [[1, 0], [0, -1], [0, 0]]
-    alone = run(scene_of(places, np.zeros((3, 2)), acceleration=own), 64)
+    alone = run(scene_of(places, width=8, height=8, acceleration=own), 64)
     assert alone.velocity.tolist() == own
-    both = run(scene_of(places, np.zeros((3, 2)), acceleration=own, gravity=(0, 1)), 64)
+    both = run(scene_of(places, width=8, height=8, acceleration=own, gravity=(0, 1)), 64)
     assert both.velocity.tolist() == [[1, 1], [0, 0], [0, 1]]
 
 
@@ -369,8 +361,7 @@ def test_a_push_parts_discs_and_a_law_changes_their_velocities(swapped, law, vel
 @pytest.mark.parametrize("law", ["elastic", "reflect"])
 @pytest.mark.parametrize("offset", [(0, 0), (1e-30, 0), (5e-324, 5e-324), (1e-7, 1e-7)])
 def test_centres_at_nearly_one_point_part_by_a_diameter_and_keep_their_energy(offset, law, precision):
-    scene = Scene(width=20, height=20, position=[(0, 0), offset], velocity=[(1, 2), (-1, 3)], radius=0.5,
-                  boundary="periodic")  # fmt: skip
+    scene = scene_of([(0, 0), offset], [(1, 2), (-1, 3)], boundary="periodic")
     state = after(scene, 1e-30, law=law, precision=precision)
     apart = np.diff(state.unwrapped.astype(float), axis=0)[0]
     apart -= 20 * np.round(apart / 20)
@@ -381,8 +372,7 @@ def test_centres_at_nearly_one_point_part_by_a_diameter_and_keep_their_energy(of
 
 def lifted(mass, contact):
     """A disc on the floor and another 0.625 above it: height of both, and energies before and after."""
-    scene = Scene(width=10, height=10, radius=0.5, gravity=(0, -8.0), position=[(5, 0.5), (5.375, 1.0)],
-                  velocity=[(0, 0), (3, 4)], mass=mass)  # fmt: skip
+    scene = scene_of([(5, 0.5), (5.375, 1.0)], [(0, 0), (3, 4)], 10, 10, gravity=(0, -8.0), mass=mass)
     state = after(scene, SHORT, contact=contact)
     energies = (mass @ ((v**2).sum(axis=1) / 2 + 8.0 * p[:, 1]) for p, v in
                 ((scene.position, scene.velocity), (state.position, state.velocity)))  # fmt: skip
@@ -419,8 +409,7 @@ def test_a_bounce_goes_back_to_the_wall_and_on(side, axis, restitution, height, 
 @pytest.mark.parametrize("precision", ["float32", "float64"])
 @pytest.mark.parametrize("way", [0.0, -2.5, -1e-20, 8.0, 3 * 7.25, 1e6 * 7.25, -1e5 * 7.25])
 def test_a_place_comes_back_into_a_periodic_box_with_its_periods_counted(way, precision):
-    scene = Scene(width=7.25, height=9, position=[(0, 4)], velocity=[(way, 0)], radius=0.5,
-                  boundary=("periodic", "walls"))  # fmt: skip
+    scene = scene_of([(0, 4)], [(way, 0)], 7.25, 9, boundary=("periodic", "walls"))
     state = after(scene, 1.0, precision=precision)
     assert 0 <= state.position[0, 0] < 7.25
     assert state.image[0].tolist() == [math.floor(way / 7.25) if abs(way) > 1e-9 else 0, 0]

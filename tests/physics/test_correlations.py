@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from support.scenes import gas, simulate, state_after
+from support.scenes import gas, scene_of, simulate, state_after
 
 import mpsim
 from mpsim.measure import mean_squared_displacement, reference
@@ -20,14 +20,8 @@ RATE = reference.enskog_rate(PACKING)
 def lanes():
     """Discs that move along lanes of a periodic box, each at its own speed, and never meet."""
     rows = np.arange(5)
-    return mpsim.Scene(
-        width=10,
-        height=8,
-        position=np.stack([1.0 + rows, 0.5 + rows], axis=1),
-        velocity=np.stack([np.array([3.7, -3.1, 2.3, -0.9, 0.1]), np.zeros(5)], axis=1),
-        radius=0.3,
-        boundary="periodic",
-    )
+    velocity = [[speed, 0.0] for speed in (3.7, -3.1, 2.3, -0.9, 0.1)]
+    return scene_of(np.stack([1.0 + rows, 0.5 + rows], axis=1), velocity, 10, 8, radius=0.3, boundary="periodic")
 
 
 def test_without_collisions_displacements_are_ballistic_across_any_number_of_periods():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.scenes import scene_of
 
 import mpsim
 from mpsim.measure import reference
@@ -62,10 +63,7 @@ def test_the_impulse_of_one_collision_is_counted_by_component(method, mass, chan
     """
     n = np.array([0.6, 0.8])
     places = np.array([-0.55, 0.55])[:, None] * n + 5
-    scene = mpsim.Scene(
-        width=10, height=10, position=places, velocity=[0.5 * n, -0.5 * n],
-        radius=0.5, mass=mass, boundary="periodic",
-    )  # fmt: skip
+    scene = scene_of(places, [0.5 * n, -0.5 * n], 10, 10, mass=mass, boundary="periodic")
     names = ["pressure_xx", "pressure_xy", "pressure_yy"]
     with mpsim.Simulation(scene, mpsim.Settings(method=method, dt=0.01)) as sim:
         report = sim.run(frames=40, measures=names)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from support.scenes import simulate, state_after
+from support.scenes import scene_of, simulate, state_after
 
 import mpsim
 from mpsim import Scene
@@ -126,10 +126,7 @@ def test_velocities_and_spins_after_a_contact_are_those_of_walton_and_braun(name
 @pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")
 def test_a_sliding_disc_slows_down_by_mu_g_until_it_rolls_at_two_thirds_of_its_speed(how):
     """mu = 1/4, g = 2, from speed 1. By the exact solver it hovers in bounces of the guard's time."""
-    scene = Scene(
-        width=20, height=4, position=[[1.0, 0.5]], velocity=[[1.0, 0.0]], radius=0.5, gravity=(0, -2),
-        wall_restitution=0.0, wall_friction=0.25,
-    )  # fmt: skip
+    scene = scene_of([[1.0, 0.5]], [[1.0, 0.0]], 20, 4, gravity=(0, -2), wall_restitution=0.0, wall_friction=0.25)
     states, rel = [], 1e-4 if how == "event" else 1e-12
     with simulate(scene, dt=1 / 64, **METHODS[how]) as sim:
         for until in (0.5, 1.5, 2.0):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from support.scenes import after, exactly, simulate, state_after
+from support.scenes import after, exactly, scene_of, simulate, state_after
 
 import mpsim
 from mpsim import FixedDisc, Polyline, Scene
@@ -13,8 +13,7 @@ pytestmark = pytest.mark.plain
 
 
 def one(position, velocity, obstacles, radius=0.5, side=20.0, **features):
-    return Scene(width=side, height=side, position=[position], velocity=[velocity], radius=radius,
-                 obstacles=obstacles, **features)  # fmt: skip
+    return scene_of([position], [velocity], side, side, radius=radius, obstacles=obstacles, **features)
 
 
 # --- one disc
@@ -105,8 +104,7 @@ def test_bounces_on_obstacles_keep_their_energy(name):
     """Exact parabolas, exact bounces, on walls of any shape. Push loses energy at each."""
     kept, (dt, until) = {}, (0.01, 15.0) if name == "pegs" else (0.03, 30.0)
     for how in ("impact", "push", "event"):
-        scene = Scene(width=8, height=40, radius=0.5, gravity=(0, -1.0), position=[[4.1, 6.5]], velocity=[[0.3, 0]],
-                      obstacles=BOUNCED_ON[name])  # fmt: skip
+        scene = scene_of([[4.1, 6.5]], [[0.3, 0]], 8, 40, gravity=(0, -1.0), obstacles=BOUNCED_ON[name])
         settings = {"method": "event", "dt": until} if how == "event" else {"method": "naive", "contact": how, "dt": dt}
         state = after(scene, until, **settings)
         kept[how] = ((state.velocity**2).sum() / 2 + state.position[0, 1]) / (0.3**2 / 2 + 6.5) - 1
@@ -144,8 +142,7 @@ LINE = Polyline([(6, 0), (6, 8)], thickness=0.4)
 @pytest.mark.parametrize("method", ["naive", "grid", "event"])
 def test_a_disc_bounces_off_the_image_of_a_long_line(method):
     """It meets the end of the line at y = 0 from y = 9.9, at a normal that is known."""
-    scene = Scene(width=12, height=10, position=[[3, 9.9]], velocity=[[1, 0]], radius=0.3,
-                  boundary=("walls", "periodic"), obstacles=LINE)  # fmt: skip
+    scene = scene_of([[3, 9.9]], [[1, 0]], 12, 10, radius=0.3, boundary=("walls", "periodic"), obstacles=LINE)
     normal = np.array([-np.sqrt(0.5**2 - 0.1**2), -0.1]) / 0.5
     with simulate(scene, method=method, contact="impact", dt=0.05) as sim:
         sim.run(until=2.5)
@@ -268,10 +265,7 @@ def test_a_corner_that_sticks_out_is_met_like_a_disc_of_no_size(shift):
             touch = corner + across - math.sqrt(radius**2 - offset**2) * t
             normal = (touch - corner) / radius
             start = touch - velocity * (0.5 + 0.02 * shift)
-            scene = mpsim.Scene(
-                width=20, height=20, position=[start], velocity=[velocity], radius=radius,
-                obstacles=[mpsim.Polyline(points)],
-            )  # fmt: skip
+            scene = scene_of([start], [velocity], radius=radius, obstacles=[mpsim.Polyline(points)])
             with simulate(scene, method="naive", contact="impact", dt=0.02) as sim:
                 sim.run(until=1.0)
                 after = velocity - 2 * (velocity @ normal) * normal

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from support.scenes import after, exactly, simulate, state_after
+from support.scenes import after, exactly, scene_of, simulate, state_after
 
 import mpsim
 from mpsim import InputError, Piston, Scene
@@ -15,8 +15,7 @@ pytestmark = pytest.mark.plain
 
 
 def one(position, velocity, piston, width=11.0, height=3.0, **features):
-    return Scene(width=width, height=height, position=[position], velocity=[velocity], radius=0.5,
-                 piston=piston, **features)  # fmt: skip
+    return scene_of([position], [velocity], width, height, piston=piston, **features)
 
 
 # --- one disc
@@ -71,8 +70,7 @@ def test_a_ball_on_a_floor_that_rises_bounces_as_on_one_at_rest_and_then_as_on_i
 
 
 def test_a_piston_sweeps_up_discs_at_rest_at_twice_its_speed_and_not_after_its_stop():
-    scene = Scene(width=12, height=6, position=[[3.0, 1.0], [6.0, 3.0], [9.5, 5.0]], velocity=np.zeros((3, 2)),
-                  radius=0.5, piston=Piston("left", 1.0, 6.0))  # fmt: skip
+    scene = scene_of([[3.0, 1.0], [6.0, 3.0], [9.5, 5.0]], width=12, height=6, piston=Piston("left", 1.0, 6.0))
     for settings in ({"method": "event", "dt": 5.8}, {"method": "grid", "contact": "impact", "dt": 0.0725}):
         state = after(scene, 5.8, **settings)
         assert state.velocity.tolist() == [[2.0, 0.0], [2.0, 0.0], [0.0, 0.0]]
@@ -272,8 +270,7 @@ EDGES = ("left", "right", "bottom", "top")
 
 def closed(scene):
     """The same discs between walls: the control."""
-    return Scene(width=scene.width, height=scene.height, position=scene.position, velocity=scene.velocity,
-                 radius=scene.radius)  # fmt: skip
+    return scene_of(scene.position, scene.velocity, scene.width, scene.height, radius=scene.radius)
 
 
 @pytest.mark.parametrize("edge", EDGES)
@@ -282,8 +279,7 @@ def test_a_disc_leaves_at_the_instant_at_which_it_touches(edge):
     sign, axis = (1 if edge in ("right", "top") else -1), int(edge in ("bottom", "top"))
     velocity, gravity = [0.3, 0.3], [0.1, 0.1]
     velocity[axis], gravity[axis] = 1.5 * sign, 0.4 * sign
-    scene = Scene(width=8, height=8, position=[[4, 4]], velocity=[velocity], radius=0.5, gravity=gravity,
-                  absorbing=edge)  # fmt: skip
+    scene = scene_of([[4, 4]], [velocity], 8, 8, gravity=gravity, absorbing=edge)
     touch = (-1.5 + math.sqrt(1.5**2 + 2 * 0.4 * 3.5)) / 0.4
     for late in (-1e-12, 1e-12, 50.0):
         with exactly(scene, dt=touch + late) as sim:
@@ -304,8 +300,7 @@ def test_a_disc_leaves_at_the_instant_at_which_it_touches(edge):
 @pytest.mark.parametrize("settings", [{"method": "event", "dt": 2.0}, {"method": "grid", "dt": 0.05}], ids=str)
 def test_what_has_left_meets_no_disc(settings):
     """The first leaves at 1; the second would have met it at its place later, and leaves at 3."""
-    scene = Scene(width=8, height=3, position=[[6.5, 1.5], [4.5, 1.5]], velocity=[[1, 0], [1, 0]], radius=0.5,
-                  absorbing="right")  # fmt: skip
+    scene = scene_of([[6.5, 1.5], [4.5, 1.5]], [[1, 0], [1, 0]], 8, 3, absorbing="right")
     with simulate(scene, **settings) as sim:
         assert sim.run(until=2.0).collisions == 0
         assert sim.absorbed.tolist() == [True, False]
@@ -318,8 +313,7 @@ def test_what_has_left_meets_no_disc(settings):
 
 def test_a_disc_added_later_finds_those_that_have_left_away():
     """Also where another lies on them now."""
-    scene = Scene(width=8, height=3, position=[[6.5, 1.5], [2.0, 1.5]], velocity=[[1, 0], [0, 0]], radius=0.5,
-                  absorbing="right", gravity=(0.0, 0.0))  # fmt: skip
+    scene = scene_of([[6.5, 1.5], [2.0, 1.5]], [[1, 0], [0, 0]], 8, 3, absorbing="right", gravity=(0.0, 0.0))
     with exactly(scene, dt=2.0) as sim:
         sim.run(frames=1)
         sim.add([7.4, 1.5], [-1.0, 0.0])

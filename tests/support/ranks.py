@@ -22,7 +22,7 @@ import mpsim
 from mpsim.engine.solvers.ranks.messages import MpiRanks, library
 from mpsim.measure.registry import NAMES
 from support.processes import Outcome
-from support.scenes import gas, zoo
+from support.scenes import gas, scene_of, zoo
 from support.transforms import Units
 
 MPIEXEC = Path(sys.executable).with_name("mpiexec")
@@ -49,22 +49,14 @@ class Case(NamedTuple):
 def corner(count: int = 300) -> mpsim.Scene:
     """All discs in one corner of a large box, of which most columns are empty at first."""
     dense = gas(count, 0.5, seed=5)
-    return mpsim.Scene(
-        width=4 * dense.width, height=dense.height, position=dense.position, velocity=dense.velocity, radius=0.5
-    )
+    return scene_of(dense.position, dense.velocity, 4 * dense.width, dense.height)
 
 
 def wandering(count: int = 600) -> mpsim.Scene:
     """A crowd that goes round a long box, past all columns."""
     crowd = gas(count, 0.5, seed=5)
-    return mpsim.Scene(
-        width=4 * crowd.width,
-        height=crowd.height,
-        position=crowd.position,
-        velocity=0.2 * crowd.velocity + np.array([4.0, 0.0]),
-        radius=0.5,
-        boundary=("periodic", "walls"),
-    )
+    velocity = 0.2 * crowd.velocity + np.array([4.0, 0.0])
+    return scene_of(crowd.position, velocity, 4 * crowd.width, crowd.height, boundary=("periodic", "walls"))
 
 
 def fast() -> mpsim.Scene:

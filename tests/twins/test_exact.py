@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from support.event_twin import EDGES, Twin, rows_of
-from support.scenes import simulate
+from support.scenes import scene_of, simulate
 from support.transforms import features_of
 
 import mpsim
@@ -204,9 +204,7 @@ def test_collisions_add_up_to_what_is_measured(method, contact):
 )
 def test_a_lone_contact_of_stepped_methods_is_logged_at_its_time(contact, time, method, precision):
     """Two discs meet between two steps: `impact` goes back to the instant, `push` knows the end of the step."""
-    scene = mpsim.Scene(
-        width=10.0, height=4.0, position=[[3.0, 2.0], [6.0, 2.0]], velocity=[[1.0, 0.0], [-1.0, 0.0]], radius=0.5
-    )
+    scene = scene_of([[3.0, 2.0], [6.0, 2.0]], [[1.0, 0.0], [-1.0, 0.0]], 10.0, 4.0)
     seen = mpsim.Collisions()
     how = {"contact": contact, "substeps": 2, "precision": precision, "dt": 0.8, "on_fast": "warn"}
     with simulate(scene, method=method, **how) as sim:

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from support.anything import any_gas, typical_time
-from support.scenes import simulate
+from support.scenes import scene_of, simulate
 
 import mpsim
 from mpsim import measure
@@ -37,10 +37,7 @@ def drawn(seed):
     margin = np.multiply.outer(np.broadcast_to(radius, count), fields)
     places = [margin + rng.random((count, 2)) * (size - 2 * margin) for _ in range(2)]
     velocity = rng.normal(size=(2, count, 2)) * 10.0 ** rng.integers(-3, 4)
-    scene = mpsim.Scene(
-        width=size[0], height=size[1], position=places[0], velocity=velocity[0], radius=radius, boundary=boundary,
-        **features,
-    )  # fmt: skip
+    scene = scene_of(places[0], velocity[0], size[0], size[1], radius=radius, boundary=boundary, **features)
     here = rng.random(count) < 0.7 if rng.random() < 0.5 else np.ones(count, bool)
     here[0] = True
     wraps = not fields.all()

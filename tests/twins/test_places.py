@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.scenes import scene_of
 
 import mpsim
 
@@ -63,8 +64,7 @@ def test_a_piston_is_where_its_time_says_after_every_change(method, precision, t
 @pytest.mark.parametrize(("method", "substeps", "dt"), [("grid", 7, 0.3), ("grid", 7, 1.3), ("event", 1, 0.7)])
 def test_frames_of_other_lengths_end_at_the_same_place(method, substeps, dt):
     """Where a piston stops inside a frame, too."""
-    scene = mpsim.Scene(width=10, height=10, radius=0.1, position=[[1, 2]], velocity=[[0, 0]],
-                        piston=mpsim.Piston("right", SPEED, STOP))  # fmt: skip
+    scene = scene_of([[1, 2]], width=10, height=10, radius=0.1, piston=mpsim.Piston("right", SPEED, STOP))
     with mpsim.Simulation(scene, mpsim.Settings(method=method, dt=dt, substeps=substeps)) as sim:
         while sim.time < 10.5:
             sim.run(frames=1)
@@ -78,8 +78,7 @@ ROUGH = {"gravity": (0, -0.125), "wall_restitution": 0.5, "friction": 0.25, "wal
 def test_a_piston_passes_over_discs_that_have_left_and_every_file_has_them_where_they_left(method, more, tmp_path):
     where = np.array([[1.0, 8.0], [6.0, 8.0], [3.0, 2.0], [8.0, 8.25]])  # absorbed, removed, and two that stay
     velocity = [[-1, 0], [0, 0], [0, 0], [0, -0.125]]
-    scene = mpsim.Scene(width=10, height=10, radius=0.5, position=where, velocity=velocity, absorbing="left",
-                        piston=mpsim.Piston("top", -1.0, 4.0), **more)  # fmt: skip
+    scene = scene_of(where, velocity, 10, 10, absorbing="left", piston=mpsim.Piston("top", -1.0, 4.0), **more)
     with mpsim.Simulation(scene, mpsim.Settings(method=method, dt=1 / 32)) as sim:
         sim.remove(1)
         sim.run(until=0.75)
