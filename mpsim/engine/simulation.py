@@ -351,8 +351,7 @@ class Simulation(ReadOnly, Closable):
         """
         state, region, scene = self.state, check_region("shape", shape), self.scene
         here, position = np.zeros(len(state.position), bool), state.position.astype(np.float64)
-        images = [(-1, 0, 1) if wraps else (0,) for wraps in scene.periodic]
-        for image in itertools.product(*images):
+        for image in itertools.product(*((-1, 0, 1) if wraps else (0,) for wraps in scene.periodic)):
             here |= is_in(region, position + np.multiply(image, (scene.width, scene.height)))
         return np.flatnonzero(here & state.present)
 

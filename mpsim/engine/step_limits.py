@@ -16,6 +16,7 @@ from mpsim.errors import FastWarning, InputError, OverlapWarning, ResolutionWarn
 from mpsim.features import FEATURES, VECTORS
 from mpsim.features.feature import acceleration_bound, is_inelastic
 from mpsim.features.obstacles import OBSTACLES, surfaces_near
+from mpsim.kernels.geometry import RADIUS
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import Room, overlaps
@@ -186,8 +187,10 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     return None
 
 
-def pinched(solver: Solver, scene: Scene, disc: int) -> str:
-    """What to say of a disc that kernels report to be about to pass a surface by one more step."""
+def squeezed(solver: Solver, scene: Scene, settings: Settings, speeds: Speeds) -> str | None:
+    """What to say of discs that kernels report to be pinched or pressed; None if there is nothing to be said."""
+    if (disc := speeds.pinched) < 0:
+        return pressed(solver, scene, settings) if speeds.pressed else None
     state, radius = solver.state(disc, disc + 1), float(solver.radii[disc])
     surfaces = surfaces_near(scene, state.position[0].astype(np.float64), radius, solver.time)
     between = " and ".join(surfaces[:2]) if len(surfaces) > 1 else "surfaces less than its diameter apart"
@@ -212,9 +215,10 @@ def pinched(solver: Solver, scene: Scene, disc: int) -> str:
 # as often as a wall has taken a little of the box, and now and then. All of it depends on the state alone. So what
 # follows is the same with any number of workers, and however a run is cut into calls, saved or healed.
 
-BOUND, BOUND_BESIDE_SURFACES = 1.0, 0.4
+BOUND, BOUND_BESIDE_SURFACES = 1.0, 0.5
 """Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on
-it is too fast; and in scenes with obstacles in which something moves, and may press discs through them."""
+it is too fast; and, with half the thickness of the thinnest obstacle more, where something moves that may press discs
+through it."""
 
 COLLISIONS = 1.0
 """Collisions of a disc in one step, on average, from which on too many are missed: those that follow from others."""
@@ -264,8 +268,11 @@ class StepLimits:
         self._has_limit = False
         self._acceleration = acceleration_bound(scene)
         self._surface = OBSTACLES.surface_speed(scene) if scene.obstacles else 0.0  # towards which a disc may move
-        pressing = scene.obstacles and scene._surface_speed > 0
-        self._bound = BOUND_BESIDE_SURFACES if pressing else BOUND
+        self._bound = BOUND
+        if scene.obstacles and scene._surface_speed > 0:
+            half = scene.capsules_at(0.0)[:, RADIUS]  # of a container it is below 0, and nothing gets past it
+            thinnest = float(half[half >= 0].min(initial=math.inf))
+            self._bound = min(BOUND_BESIDE_SURFACES + thinnest / scene.largest_radius, BOUND)
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
             for wraps, length in zip(scene.periodic, scene._smallest_sides(), strict=True)
@@ -298,11 +305,10 @@ class StepLimits:
     def at_start(self, notices: Notices) -> None:
         """Warn, before anything is run, of overlaps, lost digits, and speeds, unless these are refused."""
         scene = self._scene
-        if overlaps := scene.overlaps_at_start():
-            text = "The first frames push them apart. To avoid this, g"
-            if not self._has_steps:  # where discs in each other are refused
-                text = "method='event' does not take them out: they stay in obstacles, or pass them. G"
-            notices.warn(f"{overlaps}. {text}ive positions that leave room for the discs.", OverlapWarning)
+        overlaps = scene.overlaps_at_start() if self._has_steps else ""  # which are refused without steps
+        if overlaps:
+            text = "The first frames push them apart. To avoid this, give positions that leave room for the discs."
+            notices.warn(f"{overlaps}. {text}", OverlapWarning)
         self.at_resume(notices)
         if not self._has_steps:
             return
@@ -395,19 +401,12 @@ class StepLimits:
             return usual
         frame = solver.frame
         speeds = solver.speeds(new, None if self.adapts else changed)
-        text = None
-        if speeds.pinched >= 0:
-            text = solver.ranks.on_root(lambda: pinched(solver, self._scene, speeds.pinched))
-        elif speeds.pressed:
-            text = solver.ranks.on_root(lambda: pressed(solver, self._scene, self._settings))
-        if text:
+        if text := solver.ranks.on_root(lambda: squeezed(solver, self._scene, self._settings, speeds)):
             self._tell(text, notices, self._pressed)
-        if self._fast.given or text:
-            self.set_limit(solver)
+        self.set_limit(solver)
         if self._fast.given:
             return usual
         if self.adapts:
-            self.set_limit(solver)
             return self.substeps_for(speeds, frame)
         self._tell_of_fast(speeds, frame, notices)
         return usual
@@ -493,7 +492,7 @@ class StepLimits:
         length = f"its radius {speeds.limit:.3g}"
         lost = "one radius, discs may pass through each other without a collision"
         if self._bound < BOUND:
-            lost = f"{self._bound:g} radii, what moves may press discs through an obstacle"
+            lost = f"{self._bound:.3g} radii, what moves may press discs through an obstacle"
         if speeds.between:
             length = f"its free path {speeds.limit:.3g} between the walls along {speeds.between}"
             lost = "one free path, bounces are lost"

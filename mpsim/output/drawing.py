@@ -530,7 +530,7 @@ def _shown_by(state: object, scene: object) -> Shown:
         known = "Discs that were added or entered are known to the simulation"
         rule, got = "have as many discs as the state", f"{scene.count} and {len(state.position)}"
         raise checks.refusal("scene", rule, got, f"{known}: use draw(sim), or a frame of a Trajectory.")
-    if any(getattr(each, "motion", None) for each in scene.obstacles):
+    if scene._obstacles_move:
         instead = "Use draw(sim), or a frame of a Trajectory."
         raise checks.refusal("state", "have a time where obstacles move", "a State, which has none", instead)
     return Shown(placed(state, scene), scene, scene.radii, scene.masses)

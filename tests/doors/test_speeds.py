@@ -331,7 +331,7 @@ def test_a_disc_between_a_piston_and_what_is_at_rest_is_named_before_it_is_throu
 def test_a_fast_disc_that_a_contact_has_put_on_a_surface_is_not_pinched():
     """Where it lies is in or out of it by rounding."""
     peg = FixedDisc((13, 5), 2, motion=Translation((-1, 0), stop=4))
-    scenes = [one((9, 5 + k / 10), (8.5, 0), obstacles=peg) for k in range(5)]
+    scenes = [one((9, 5 + k / 10), (21.5, 0), obstacles=peg) for k in range(5)]
     assert [refused(scene, 20, dt=0.02, contact="push") for scene in scenes] == [(None, 20)] * 5
 
 
@@ -350,7 +350,7 @@ LINE = Polyline([(12, 0), (12, 6)])
 PADDLE = Polyline([(8, 1), (8, 5)], motion=Translation((1, 0), stop=3.5))
 
 
-@pytest.mark.parametrize(("contact", "restitution"), [("impact", 0.0), ("impact", 1.0), ("push", 0.0), ("push", 1.0)])
+@pytest.mark.parametrize(("contact", "restitution"), [("impact", 0.0), ("impact", 0.9), ("push", 0.0), ("push", 1.0)])
 @pytest.mark.parametrize(
     ("discs", "moving"),
     [
@@ -369,7 +369,8 @@ def test_discs_that_press_each_other_are_named_before_one_is_through(discs, movi
         with pytest.raises(TooFastError, match=r"pressed into each other|what moves may press discs through an obst"):
             sim.run(frames=600)
         places = sim.state.position[:, 0]
-        assert (places < 12).all() and (np.diff(places) < 0).all()
+        assert (places < 12).all()
+        assert (np.diff(places) < 0).all()
 
 
 def test_a_crowd_under_a_lid_is_named_before_it_leaks_and_only_if_there_is_no_room():

@@ -759,7 +759,7 @@ class Solver(ABC):
         return self._team.block
 
     def wake_workers(self) -> None:
-        """Have the workers that sleep, if any, come: the next command is near."""
+        """Have the workers that sleep, if any, come: their way overlaps with what is done before the next command."""
         self._team.pool.wake()
 
     @property

@@ -71,7 +71,8 @@ def after_binning(discs, low, high, features, control):
 @inlined
 def prepare_next_step(features, parameters, control):
     """Before the next step: by one worker between motion and contacts, when no worker reads the walls."""
-    control.deep = min(control.deep, 0)
+    if any_present(features.bodies, features.moving_wall) is not None:
+        control.deep = min(control.deep, 0)
     bodies.move_walls(features.moving_wall, parameters, control)
     bodies.move_bodies(features.bodies, control)
 
