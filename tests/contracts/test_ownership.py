@@ -223,6 +223,7 @@ SCENES = {
 }
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.errors.FastWarning")  # of crowds that something presses
 @pytest.mark.parametrize("name", SCENES)
 def test_no_disc_has_two_writers_in_a_phase_and_none_is_read_while_it_is_written(name):
     watched = watch(SCENES[name](), frames=4)

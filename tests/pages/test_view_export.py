@@ -119,6 +119,7 @@ def film_of(page, places):
     return downloaded(page.view.address, "film.gif")
 
 
+@pytest.mark.filterwarnings("ignore::mpsim.errors.FastWarning")  # beside the thin wall
 def test_a_film_shows_discs_walls_and_obstacles_where_they_were():
     with paused(TABLE, PLAIN) as page:
         frames = frames_of(film_of(page, (0, 3, 6)))

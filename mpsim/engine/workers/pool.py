@@ -117,7 +117,7 @@ class WorkerPool:
         self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
 
     def wake(self) -> None:
-        """Have the workers that sleep come. Ctrl-C may end it anywhere: the next call then gives them their cores back."""
+        """Have the workers that sleep come. Ctrl-C may end it: the next call then gives them their cores back."""
         for worker, (connection, pid) in enumerate(zip(self._connections, self.pids, strict=True), start=1):
             nap = load_word(self._team[worker].signals, records.PARKED)
             if nap and nap != self._called.get(worker) and self._lost is None:  # a lost one's number may be another's
