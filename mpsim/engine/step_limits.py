@@ -271,8 +271,7 @@ class StepLimits:
         self._bound = BOUND
         if scene.obstacles and scene._surface_speed > 0:
             half = scene.capsules_at(0.0)[:, RADIUS]  # of a container it is below 0, and nothing gets past it
-            thinnest = float(half[half >= 0].min(initial=math.inf))
-            self._bound = min(BOUND_BESIDE_SURFACES + thinnest / scene.largest_radius, BOUND)
+            self._bound = min(BOUND_BESIDE_SURFACES + half[half >= 0].min(initial=np.inf) / scene.largest_radius, BOUND)
         narrow = any(
             not wraps and length < 3 * scene.largest_radius
             for wraps, length in zip(scene.periodic, scene._smallest_sides(), strict=True)
@@ -399,7 +398,6 @@ class StepLimits:
             if self._has_limit:
                 self.set_limit(solver)
             return usual
-        frame = solver.frame
         speeds = solver.speeds(new, None if self.adapts else changed)
         if text := solver.ranks.on_root(lambda: squeezed(solver, self._scene, self._settings, speeds)):
             self._tell(text, notices, self._pressed)
@@ -407,8 +405,8 @@ class StepLimits:
         if self._fast.given:
             return usual
         if self.adapts:
-            return self.substeps_for(speeds, frame)
-        self._tell_of_fast(speeds, frame, notices)
+            return self.substeps_for(speeds, solver.frame)
+        self._tell_of_fast(speeds, solver.frame, notices)
         return usual
 
     def look_for_pressed(self, solver: Solver, notices: Notices) -> None:

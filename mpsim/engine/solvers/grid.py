@@ -254,7 +254,8 @@ class GridSolver(SteppedSolver, CollisionLog):
         slots = [int(border * count) for border in self._borders]
         if self._sorted_grid == grid:
             first_of_column = self._team.block.arrays["start"][: grid.table_size : grid.rows + 2]
-            columns = [bisect_left(first_of_column, slot, 0, grid.columns) for slot in slots]
+            middles = first_of_column[: grid.columns] + first_of_column[1 : grid.columns + 1]  # twice: nearest columns
+            columns = [bisect_left(middles, 2 * slot) for slot in slots]
             slots = [int(first_of_column[column]) for column in columns]
         else:
             columns = [worker * grid.columns // workers for worker in range(1, workers)]
@@ -269,7 +270,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         busy = times.sum(axis=2).min(axis=1)  # the shortest frame: others may have been interrupted
         taken, shares = np.append(0, busy.cumsum()), np.append(0, ends) / max(self.count, 1)
         equal = np.interp(np.linspace(0, taken[-1], len(taken)), taken, shares)
-        self._borders = ((shares + equal)[1:-1] / 2).tolist()
+        self._borders = ((self._borders + equal[1:-1]) / 2).tolist()  # not from ends of columns: they would stay there
 
     # --- steps
 
