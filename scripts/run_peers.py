@@ -150,8 +150,7 @@ def frames_table(study: Study, cells: dict[int, Times]) -> str:
 
 def in_time(study: Study, how: str) -> int:
     """The most discs of MANY that mpsim moves between two pictures of a game."""
-    found = study.frames(CLAIM[0], MANY, how)
-    times = {count: each["mpsim-push", 1] for count, each in found.items()}
+    times = {count: each["mpsim-push", 1] for count, each in study.frames(CLAIM[0], MANY, how).items()}
     return max((n for n, one in times.items() if isinstance(one, Timing) and np.median(one.frame) < PICTURE), default=0)
 
 
@@ -163,7 +162,7 @@ def game_claim(study: Study, times: Times) -> str:
     one, theirs = (number(float(np.median(each.frame)) * 1e6) for each in (own, other))
     moved, read = (in_time(study, how) for how in ("step", "watch"))
     return (
-        f"In a game loop, one frame a call on one core, {GAME:,} discs take {one} µs, those of pymunk {theirs}; at 60 "
+        f"In a game loop, one frame a call on one core, {GAME:,} discs take {one} µs, and {theirs} in pymunk; at 60 "
         f"pictures a second it moves {moved:,} discs, or {read:,} if a picture reads their places and velocities"
     )
 
@@ -338,13 +337,10 @@ def main() -> None:
     if cells or found:
         page.write_text(page_of(study, cells, found, made, said))
         console.print(f"the page is {page}")
-    sentences = {
-        "claim": f"{said} ([peers](docs/peers.md)).",
-        "game": f"{game} ([table](docs/performance.md#a-game-loop)).",
-    }
     if not busy and page == DOCS / "peers.md":
-        blocks = {name: textwrap.fill(sentences[name], 116) for name, text in (("claim", said), ("game", game)) if text}
-        fill_page(TOP / "README.md", {name: textwrap.indent(text, "  ") for name, text in blocks.items()})
+        claims = (("claim", said, "peers](docs/peers.md"), ("game", game, "table](docs/performance.md#a-game-loop"))
+        lines = {name: textwrap.fill(f"{text} ([{where})).", 116) for name, text, where in claims if text}
+        fill_page(TOP / "README.md", {name: textwrap.indent(text, "  ") for name, text in lines.items()})
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """What a scene and its time step must fulfil: precision, room, speeds, collision rates."""
 
 import math
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from mpsim.features import FEATURES, VECTORS
 from mpsim.features.feature import acceleration_bound, is_inelastic
 from mpsim.features.obstacles import OBSTACLES, surfaces_near
 from mpsim.kernels.geometry import RADIUS
+from mpsim.kernels.records import STEPS_OF_OVERLAP
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import Room, overlaps
@@ -148,10 +149,6 @@ def _finer(precision: str) -> str:
 DEEP = 0.2
 """Overlap from which on discs are pressed, as a fraction of the smaller one's radius, beyond what steps explain."""
 
-STEPS = 4.0
-"""Steps at the rms speed that explain an overlap. In gases below the bounds of speed, at packings 0.3 to 0.78, the
-deepest was 3.5 (docs/stability.md)."""
-
 
 def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
     """Which discs are pressed into each other or into a capsule now, and what to do, in words; None if none are."""
@@ -176,7 +173,7 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
         )
     for discs, depth, words in found:
         smaller = float(radius[discs].min())
-        if depth > DEEP * smaller + STEPS * max(mean, float(moved[discs].max())):
+        if depth > DEEP * smaller + STEPS_OF_OVERLAP * max(mean, float(moved[discs].max())):
             relief = ", ".join(sorted(feature.relief for feature in FEATURES if feature.relief))
             return (
                 f"discs are pressed into each other: at time {solver.time:g} {words}, {depth / smaller:.2g} of a "
@@ -190,7 +187,7 @@ def pressed(solver: Solver, scene: Scene, settings: Settings) -> str | None:
 def squeezed(solver: Solver, scene: Scene, settings: Settings, speeds: Speeds) -> str | None:
     """What to say of discs that kernels report to be pinched or pressed; None if there is nothing to be said."""
     if (disc := speeds.pinched) < 0:
-        return pressed(solver, scene, settings) if speeds.pressed else None
+        return pressed(solver, scene, settings)
     state, radius = solver.state(disc, disc + 1), float(solver.radii[disc])
     surfaces = surfaces_near(scene, state.position[0].astype(np.float64), radius, solver.time)
     between = " and ".join(surfaces[:2]) if len(surfaces) > 1 else "surfaces less than its diameter apart"
@@ -213,7 +210,7 @@ def squeezed(solver: Solver, scene: Scene, settings: Settings, speeds: Speeds) -
 # then the last of its command, and the exact look follows. What no single speed tells, collisions in a step and the
 # room between walls, is looked at in frames that follow from what can change it: at the start, where discs are added,
 # as often as a wall has taken a little of the box, and now and then. All of it depends on the state alone. So what
-# follows is the same with any number of workers, and however a run is cut into calls, saved or healed.
+# follows is the same with any number of workers, however a run is cut into calls, saved or healed; see control.deep.
 
 BOUND, BOUND_BESIDE_SURFACES = 1.0, 0.5
 """Displacement of a disc in one step, as a fraction of its radius (of its free distance between walls), from which on
@@ -399,7 +396,8 @@ class StepLimits:
                 self.set_limit(solver)
             return usual
         speeds = solver.speeds(new, None if self.adapts else changed)
-        if text := solver.ranks.on_root(lambda: squeezed(solver, self._scene, self._settings, speeds)):
+        words = partial(squeezed, solver, self._scene, self._settings, speeds)
+        if (speeds.pressed or speeds.pinched >= 0) and (text := solver.ranks.on_root(words)):  # all ranks know
             self._tell(text, notices, self._pressed)
         self.set_limit(solver)
         if self._fast.given:

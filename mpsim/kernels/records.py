@@ -100,6 +100,9 @@ DEPTH_SCALE = 2.0**32
 FASTEST_SCALE = 2.0**20
 """Speeds are reported in units of the limit, so many to one."""
 
+STEPS_OF_OVERLAP = 4.0
+"""Steps that explain an overlap: in gases below the bounds of speed the deepest was 3.5 of them (docs/stability.md)."""
+
 PRESSED, PINCHED = 2**60, 2**61
 """Reported in place of a speed, which is always less: discs are deep in each other where something moves that may press
 them; surfaces are about to press a disc through each other."""
@@ -205,7 +208,7 @@ CONTROL = record_of(
         ("passes", np.int64),  # searches for contacts in one step
         ("race_free", np.int64),  # 1: odd/even passes; 0: to demonstrate what goes wrong without them
         ("tallied", np.int64),  # 1: what measures need is counted
-        ("deep", np.int64),  # 1: in the last step discs were deep in each other; below 0: nobody wants to know
+        ("deep", np.int64),  # 1: discs were deep in each other in the last step (no snapshot tells); below 0: not asked
         ("absorbing", np.int64, (4,)),  # by edge: 1 where it absorbs discs
         ("workers", np.int64),
         ("members", np.int64),  # of the team: the workers, and with ranks one more that stands for all other ranks

@@ -463,7 +463,7 @@ def draw(
         box, in coordinates of the scene [length].
 
     Raises:
-        InputError: for a State without a scene, an array of the wrong length, or an unknown word.
+        InputError: for a State without a scene, or where obstacles move; a wrong length of an array; an unknown word.
 
     >>> import mpsim
     >>> scene = mpsim.Scene.random(count=5, packing=0.2, radius=0.5, seed=1)

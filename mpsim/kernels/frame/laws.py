@@ -13,7 +13,7 @@ from mpsim.kernels.features.edges import put_inside, seen_from
 from mpsim.kernels.features.friction import between_discs
 from mpsim.kernels.features.properties import accelerations_of, mass_fraction, touching_distance
 from mpsim.kernels.frame.motion import keep_inside
-from mpsim.kernels.records import DEPTH_SCALE, ELASTIC, IMPACT
+from mpsim.kernels.records import DEPTH_SCALE, ELASTIC, IMPACT, STEPS_OF_OVERLAP
 
 
 @inlined
@@ -207,8 +207,8 @@ def touched(log, discs, i, j, shift_x, shift_y, parameters, control):
     return since, x, y
 
 
-DEEP, STEPS = 0.5, 4.0
-"""Overlap of discs that are pressed into each other, in radii of the smaller one, beyond what so many steps explain."""
+VERY_DEEP = 0.5
+"""Overlap of discs that are pressed into each other, in radii of the smaller one, beyond what steps explain."""
 
 
 @inlined
@@ -222,7 +222,7 @@ def note_deep(pressing, discs, i, j, shift_x, shift_y, parameters, control):
         half = parameters.diameter / 2
         smaller = min(value_or(discs.radius, i, half), value_or(discs.radius, j, half))
         overlap = touching_distance(discs.radius, i, j, parameters) - math.sqrt(x * x + y * y)
-        if overlap > DEEP * smaller + STEPS * parameters.dt * math.sqrt(fastest):
+        if overlap > VERY_DEEP * smaller + STEPS_OF_OVERLAP * parameters.dt * math.sqrt(fastest):
             control.deep = 1
 
 
