@@ -51,8 +51,7 @@ KINDS = {
 }  # fmt: skip
 """What a record holds at least, and its kind."""
 
-MOST_BYTES = 2**23
-"""Bytes of a record at most, to which each part of a run adds some hundred."""
+MOST_BYTES = 2**23  # bytes of a record at most, to which each part of a run adds some hundred
 
 CHECKPOINT = "checkpoint.mpsim"
 MEASURES = "measures.csv"
@@ -207,14 +206,9 @@ def _writing(folder: Path) -> contextlib.AbstractContextManager[None]:
 
 # --- `mpsim run` and `mpsim resume`: simulate a scene; a folder keeps the results and a checkpoint
 
-FRAMES = 500
-"""Number of frames of a run of a scene without a duration."""
-
-FEWEST = 10
-"""Frames of a trajectory, at least."""
-
-CHECKPOINT_SECONDS = 30.0
-"""Seconds between checkpoints: the time of a run that a kill may cost."""
+FRAMES = 500  # number of frames of a run of a scene without a duration
+FEWEST = 10  # frames of a trajectory, at least
+CHECKPOINT_SECONDS = 30.0  # seconds between checkpoints: the time of a run that a kill may cost
 
 RUN_EXAMPLES = """\b
 Examples:
@@ -299,8 +293,7 @@ Examples:
   mpsim resume run --until 200 --workers 8
 """
 
-SAME_BITS = ("grid", "parallel")
-"""Methods between which a run may change."""
+SAME_BITS = ("grid", "parallel")  # methods between which a run may change
 
 
 @click.command(epilog=RESUME_EXAMPLES, short_help="Continue a run.")

@@ -17,8 +17,7 @@ from mpsim.scene.scene import settings_for
 from mpsim.scene.scenefile import SceneFile
 from mpsim.scene.settings import CONTACTS, LAWS, METHODS, MOST_WORKERS, ON_FAST, PRECISIONS, Settings
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, that of a shell."""
+INTERRUPTED = 130  # exit code after Ctrl-C, that of a shell
 
 
 class Number(click.FloatRange):

@@ -57,8 +57,7 @@ def write_arrays(file: BinaryIO, arrays: Iterable[tuple[str, Array]], see: Calla
 
 # --- Reads
 
-MOST_ARRAYS = 64
-"""Largest number of arrays in one file: several times what any simulation has."""
+MOST_ARRAYS = 64  # largest number of arrays in one file: several times what any simulation has
 
 DAMAGE = (
     zipfile.BadZipFile,
@@ -76,14 +75,9 @@ DAMAGE = (
 MOST_HEADER = 256
 """Largest size in bytes of the header of an array: NumPy evaluates its text, and nested text can take all memory."""
 
-_LENGTHS_AT = 26
-"""Bytes of a member's own header before the lengths of its name and of what follows that."""
-
-_ENCRYPTED = 1
-"""Bit among the flags of a member of a zip file."""
-
-REAL = "fiu"
-"""dtype kinds of real numbers: floating, signed, unsigned."""
+_LENGTHS_AT = 26  # bytes of a member's own header before the lengths of its name and of what follows that
+_ENCRYPTED = 1  # bit among the flags of a member of a zip file
+REAL = "fiu"  # dtype kinds of real numbers: floating, signed, unsigned
 
 
 class Declared(NamedTuple):

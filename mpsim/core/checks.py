@@ -244,11 +244,8 @@ def names_of(function: Callable[..., Any]) -> tuple[str, ...]:
     return tuple(each.name for each in parameters if each.kind in by_keyword and each.name not in ("self", "cls"))
 
 
-MOST_BITS = 200
-"""Whole numbers of fewer bits are written out: these have LONGEST digits at most."""
-
-LONGEST = 60
-"""Largest length of a value in a message, in characters."""
+MOST_BITS = 200  # whole numbers of fewer bits are written out: these have LONGEST digits at most
+LONGEST = 60  # largest length of a value in a message, in characters
 
 
 class _Brief(reprlib.Repr):

@@ -35,8 +35,7 @@ def kept_sizes(*parts: ArrayLike) -> NDArray[np.float64]:
 
 # --- Arrays with a row per disc that are read in chunks, because no process holds them completely
 
-CHUNK = 2**16
-"""Rows that are read at a time."""
+CHUNK = 2**16  # rows that are read at a time
 
 
 def ranges(count: int, length: int | None = None) -> list[tuple[int, int]]:
@@ -205,8 +204,7 @@ COLUMNS: tuple[Column, ...] = (MASS, ACCELERATION, IMAGE, EXITS, SPIN)
 """All of them, in the order in which states and files have them."""
 
 
-IN_STATE = tuple(column for column in COLUMNS if column.in_state)
-"""Those of a state."""
+IN_STATE = tuple(column for column in COLUMNS if column.in_state)  # those of a state
 
 GIVEN = tuple(column for column in COLUMNS if column.given)
 """Those that are arguments of Scene and of `Simulation.add`."""

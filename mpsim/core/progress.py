@@ -16,8 +16,7 @@ from mpsim.core import checks
 Show = Callable[[int, int, str], None]
 """Called as show(done, of, what)."""
 
-OFTEN = 0.1
-"""Seconds between two states of the line."""
+OFTEN = 0.1  # seconds between two states of the line
 
 
 def checked_progress(progress: Any, call: str) -> Any:

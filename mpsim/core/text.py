@@ -6,8 +6,7 @@ from typing import Any
 
 # --- Numbers as text with as many digits as their errors allow
 
-RELATIVE_ROUNDING = 1e-12
-"""Relative fluctuations below this are rounding."""
+RELATIVE_ROUNDING = 1e-12  # relative fluctuations below this are rounding
 
 
 def with_error(value: float, error: float, mark: str = "") -> str:

@@ -111,8 +111,7 @@ class Snapshot:
 OF_LATTICE = ("count", "temperature", "seed")
 """Numbers of a lattice that are written beside what other scenes have too."""
 
-ARRAYS = ("position", "velocity", *PER_DISC, *VECTORS)
-"""Arrays that a scene may have."""
+ARRAYS = ("position", "velocity", *PER_DISC, *VECTORS)  # arrays that a scene may have
 
 OF_VALUES = [each for each in FEATURES if not (each.numbers or each.vectors or each.per_disc)]
 """Features that are given as values of classes or words, not as numbers of the scene or of each disc."""
@@ -162,22 +161,19 @@ def _on_lattice(lattice: dict[str, Any], values: dict[str, Any]) -> Scene:
     return scene
 
 
-FORMAT = 8
-"""Version of the format. Only files of this one are read."""
+FORMAT = 8  # version of the format. Only files of this one are read
 
 HEADER = "mpsim_checkpoint"
 """Name of the first array, the header. So the name stands at the start of the file, and tells its kind."""
 
-DIGEST = "digest"
-"""Name of the last array, a digest over all that stands before it."""
+DIGEST = "digest"  # name of the last array, a digest over all that stands before it
 
 _DIGEST_BYTES = 16
 
 _START = b"PK\x03\x04"
 _NAME_AT = 30
 
-MOST_HEADER = 2**26
-"""Bytes of the header at most: features of the scene are in it, discs are not."""
+MOST_HEADER = 2**26  # bytes of the header at most: features of the scene are in it, discs are not
 
 DAMAGED_DISK = (errno.EIO, errno.EBADMSG, errno.EUCLEAN)
 """Errors of the system by which a disk, or its checksums, say that the content is lost."""

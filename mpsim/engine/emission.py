@@ -23,16 +23,12 @@ from mpsim.scene.settings import Settings
 
 # --- The flight of an emitted disc in its first frame, up to the end of the frame or the first obstacle
 
-LOOKS_PER_RADIUS = 4
-"""Places along a flight that are tested for walls and capsules, per radius of its length."""
+LOOKS_PER_RADIUS = 4  # places along a flight that are tested for walls and capsules, per radius of its length
 
 MOST_LOOKS = 10_000
 
-HALVINGS = 5
-"""Steps of a bisection that are looked at together."""
-
-MOST_PERIODS = 2.0**53
-"""Periods of one flight that are counted at most, as in the kernels."""
+HALVINGS = 5  # steps of a bisection that are looked at together
+MOST_PERIODS = 2.0**53  # periods of one flight that are counted at most, as in the kernels
 
 
 class FlightEnd(NamedTuple):
@@ -119,8 +115,7 @@ Insert = Callable[[NewDiscs], None]
 TRIES = 8
 """Times in an interval at which the place of a waiting disc is looked at. A power of two: k TRIES / TRIES is k."""
 
-FEW_LOOKS = 32
-"""Discs of one frame that are compared with all others, which is quicker than sorting those."""
+FEW_LOOKS = 32  # discs of one frame that are compared with all others, which is quicker than sorting those
 
 Progress = dict[str, list[Any]]
 

@@ -21,8 +21,7 @@ def given_in(scene: Scene) -> dict[str, Any]:
 
 # --- The arrays that features of a scene need in the shared block, and their initial values
 
-FEW_GIANTS = 8
-"""Discs that may be giants in any scene; in large ones, one in GIANTS_PER as well."""
+FEW_GIANTS = 8  # discs that may be giants in any scene; in large ones, one in GIANTS_PER as well
 
 GIANTS_PER = 500
 

@@ -40,11 +40,8 @@ KINDS = (SET, KICK, REMOVE, ADD, PARAMETERS, *WALLS)
 JOURNAL = "journal"
 """Name of the array of a checkpoint that holds what has been changed; only where something has."""
 
-FORMAT = 1
-"""Version of session files. One of a newer version is refused, by number."""
-
-MOST_BYTES = 2**28
-"""Bytes of a session file at most."""
+FORMAT = 1  # version of session files. One of a newer version is refused, by number
+MOST_BYTES = 2**28  # bytes of a session file at most
 
 KEYS = ("format", "frame", "digest", "scene", "settings", "change")
 

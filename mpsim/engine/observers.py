@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 # --- Observers of collisions: a table of all of them, and counters for an obstacle, a wall or a region
 
-KINDS = ("discs", "walls", "obstacles")
-"""What a disc can collide with; `kind` of a table is an index of these."""
+KINDS = ("discs", "walls", "obstacles")  # what a disc can collide with; `kind` of a table is an index of these
 
 
 class Collisions:

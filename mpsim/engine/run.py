@@ -152,11 +152,8 @@ SNAPSHOT_FRACTION = 0.01
 """Fraction of the running time that in-memory snapshots may take: the next one waits until the last one's time is so
 small a fraction of what has passed since."""
 
-SNAPSHOT_SECONDS = 0.2
-"""Time between two snapshots, at least."""
-
-MOST_DEATHS = 5
-"""Deaths of workers without a snapshot in between after which there is no use in trying again."""
+SNAPSHOT_SECONDS = 0.2  # time between two snapshots, at least
+MOST_DEATHS = 5  # deaths of workers without a snapshot in between after which there is no use in trying again
 
 
 def log_death(death: WorkerDiedError, what_now: str, notices: Notices) -> None:
@@ -239,8 +236,7 @@ class RecoverySnapshots:
 MOST_SECONDS = 0.05
 """Length of a slice of frames: how long Ctrl-C, progress, or the report of a dead worker may have to wait."""
 
-TRIAL_SECONDS = 0.005
-"""Length of a slice that measures how fast a number of workers is."""
+TRIAL_SECONDS = 0.005  # length of a slice that measures how fast a number of workers is
 
 TRIALS = 7
 """Slices that decide: their median leaves out the first ones, in which caches are cold and workers asleep."""

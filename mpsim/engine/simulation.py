@@ -96,8 +96,7 @@ from mpsim.scene.starts import check_region, is_in
 MEMORY_SECONDS = 0.1
 """Time of frames between two readings of the memory of processes, at least: each opens files of the system."""
 
-MEASURES = "mpsim.measure.registry"
-"""The module that a run with measures needs, and no other."""
+MEASURES = "mpsim.measure.registry"  # the module that a run with measures needs, and no other
 
 Result = TypeVar("Result")
 

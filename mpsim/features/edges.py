@@ -35,8 +35,7 @@ BOUNDARIES: dict[str, Boundary] = {
 }
 """Every kind by the word for it in a scene. Other modules ask for its facts, never for the word."""
 
-WALLED: tuple[BoundaryName, BoundaryName] = ("walls", "walls")
-"""The boundary of a scene that does not say."""
+WALLED: tuple[BoundaryName, BoundaryName] = ("walls", "walls")  # the boundary of a scene that does not say
 
 
 class MovingWall(NamedTuple):

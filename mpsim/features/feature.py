@@ -29,8 +29,7 @@ from mpsim.features.edges import EDGES, MovingWall
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
 
-MOST_VALUES = 1_000_000
-"""More obstacles or emitters than this are taken for a mistake."""
+MOST_VALUES = 1_000_000  # more obstacles or emitters than this are taken for a mistake
 
 
 class Invalidation(NamedTuple):

@@ -59,8 +59,7 @@ SQUARES, VELOCITIES, WAVES = 0, 1, 2
 MOST_PARTS = 256
 """Parts of a run whose sums are kept apart. When all are in use, neighbours are added up: there are then 128."""
 
-CHUNK = 2**16
-"""Numbers that are multiplied together: they fit the cache of a core."""
+CHUNK = 2**16  # numbers that are multiplied together: they fit the cache of a core
 
 DECAYED = 0.02
 """Fraction of its value at lag 0 to which the velocity autocorrelation must have decayed where diffusion begins."""
@@ -330,20 +329,14 @@ def _nearest(name: str, lag: float, lags: Floats) -> int:
 
 # --- Correlations in time along a run: displacements, velocities and scattering, averaged over discs and time origins
 
-FORMAT = 3
-"""Version of the file."""
-
-LEVELS = 20
-"""Levels without `longest`: with 16 points the longest lag is 7.8 million samples."""
-
-MOST_WAVE_NUMBERS = 64
-"""Wave numbers at most: each takes a cosine per disc, axis and lag at every sample."""
+FORMAT = 3  # version of the file
+LEVELS = 20  # levels without `longest`: with 16 points the longest lag is 7.8 million samples
+MOST_WAVE_NUMBERS = 64  # wave numbers at most: each takes a cosine per disc, axis and lag at every sample
 
 MOST_BYTES = 2**30
 """Memory for recent positions and velocities at most: 20 levels of 16 points for 100,000 discs."""
 
-MOST_LOOKS = 10**12
-"""Samples in the longest lag at most."""
+MOST_LOOKS = 10**12  # samples in the longest lag at most
 
 _ONE_EACH = "Make one for each; measure.independent_average takes means over them."
 

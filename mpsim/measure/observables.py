@@ -81,8 +81,7 @@ def finite(name: str, values: NDArray[np.floating]) -> Floats:
     return checks.finite_array(f"state.{name}", values, values.shape, f"{values.shape}")
 
 
-SAME_BOX = 1e-4
-"""Difference of two boxes, as a fraction of a side, that may come from a file."""
+SAME_BOX = 1e-4  # difference of two boxes, as a fraction of a side, that may come from a file
 
 
 def demand_scene(scene: object, discs: Discs) -> None:

@@ -340,8 +340,7 @@ COUNTED = {name: each.counted for name, each in OBSERVABLES.items() if each.coun
 SAMPLED = {name: each.sampled for name, each in OBSERVABLES.items() if each.sampled}
 DRIFTS = {name: each.drift for name, each in OBSERVABLES.items() if each.drift}
 
-NAMES: tuple[str, ...] = (*COUNTED, *SAMPLED, *DRIFTS)
-"""What a run can measure."""
+NAMES: tuple[str, ...] = (*COUNTED, *SAMPLED, *DRIFTS)  # what a run can measure
 
 
 def names() -> tuple[str, ...]:
@@ -368,8 +367,7 @@ def _has_sizes_between_walls(scene: Scene) -> bool:
     return scene.smallest_radius < scene.largest_radius and not all(scene.periodic)
 
 
-_VIRIALS = ("pressure_virial", *COMPONENTS)
-"""Measures that "virial" stands for."""
+_VIRIALS = ("pressure_virial", *COMPONENTS)  # measures that "virial" stands for
 
 _BY_WALLS = "Use 'pressure', the impulses on the walls."
 _REST = "losses under gravity or acceleration, where discs come to rest on each other and are in contact all the time"
@@ -505,8 +503,7 @@ SAMPLES = 200
 """Approximate number of states sampled in a run: each costs a copy of all positions and velocities, chunk by chunk on
 ranks."""
 
-FLOW_SAMPLES = 1000
-"""The same for the flow of momentum, the kinetic part of a pressure, which fluctuates more."""
+FLOW_SAMPLES = 1000  # the same for the flow of momentum, the kinetic part of a pressure, which fluctuates more
 
 
 class RunAverages:

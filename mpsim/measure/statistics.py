@@ -26,14 +26,12 @@ from mpsim.errors import InputError
 LEAST = 16
 """Smallest number of ordinates of the periodogram in a fit: S(0) is then known to 38 %, its root to 19 %."""
 
-MOST = 128
-"""Largest number: S(0) is then known to 13 %, its root to 7 %."""
+MOST = 128  # largest number: S(0) is then known to 13 %, its root to 7 %
 
 CURVATURE_DEVIANCE = 6.0
 """Deviance by which a curve with one more parameter must fit better: by chance it does in one case of 70."""
 
-AGREED = 3.0
-"""Standard errors within which fits to fewer ordinates must agree with the chosen one."""
+AGREED = 3.0  # standard errors within which fits to fewer ordinates must agree with the chosen one
 
 
 _SLOPES: Floats = np.concatenate([[0.0], np.geomspace(0.05, 5000.0, 27)])
@@ -134,8 +132,7 @@ MEMORIES = 30.0
 RISING = 4.0
 """Rise of log S over the least number of ordinates above which S(0) is too small a fraction of S to be resolved."""
 
-BY_CHANCE = 1.5
-"""Factor by which an error from a series, which is known to 20 %, may be too large by chance."""
+BY_CHANCE = 1.5  # factor by which an error from a series, which is known to 20 %, may be too large by chance
 
 FEWEST_EVENTS = 16
 """Number of events (samples that are not zero) from which on their scatter says more than their number; and number of
@@ -431,8 +428,7 @@ def _demand(name: str, count: int, fewest: int, what: str) -> None:
 
 # --- The start of the stationary part of a series, by the marginal standard error rule
 
-FEWEST_BATCHES = 10
-"""Batches from which on the rule says something."""
+FEWEST_BATCHES = 10  # batches from which on the rule says something
 
 
 @dataclass(frozen=True)

@@ -23,14 +23,9 @@ from mpsim.kernels.events.features.hooks import BARE
 from mpsim.scene import starts
 from mpsim.scene.scene import FASTEST, SLOWEST, Scene
 
-EVENTS = 20
-"""Events for each disc after which speeds are scaled back, about: a few collisions each."""
-
-EVENTS_AT_ONCE = 100_000
-"""Events between two looks at Ctrl-C, some 0.1 s."""
-
-OUTGROWN = 1.05
-"""Growth of radii for which cells are wide enough; then they are made anew."""
+EVENTS = 20  # events for each disc after which speeds are scaled back, about: a few collisions each
+EVENTS_AT_ONCE = 100_000  # events between two looks at Ctrl-C, some 0.1 s
+OUTGROWN = 1.05  # growth of radii for which cells are wide enough; then they are made anew
 
 JAMMED = 1e6
 """Pressure p A/(N kT) above which discs count as jammed: near jamming at a packing f it is about 2/(1 - packing/f)."""

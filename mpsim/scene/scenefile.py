@@ -42,13 +42,11 @@ from mpsim.scene.starts import LATTICES
 
 logger: logging.Logger = logging.getLogger("mpsim")
 
-SCHEMA = 1
-"""Version of this format."""
+SCHEMA = 1  # version of this format
 
 # These bound what is processed item by item in Python; long arrays of numbers belong in .npy files.
 
-MOST_BYTES = 2**20
-"""Bytes of the scene file itself: about 20,000 lines."""
+MOST_BYTES = 2**20  # bytes of the scene file itself: about 20,000 lines
 
 MOST_TABLES = 10_000
 """Tables of one kind: [[discs]], or those of a feature. One table may hold very many, as arrays."""
@@ -57,17 +55,10 @@ MOST_PARTS = 100
 """Dots of a line without a sign of a value between them. No key has more than two; a parser's time grows as their
 square."""
 
-MOST_PROBLEMS = 100
-"""Problems of one file that are reported."""
-
-MOST_ARRAY_BYTES = 2**33
-"""Bytes of all array files of a scene together: enough for the largest scene."""
-
-MOST_CSV = 2**23
-"""Bytes of a .csv file, which is read as text."""
-
-INLINE = 64
-"""Number of rows up to which an array is saved in the scene file itself, where a person can read it."""
+MOST_PROBLEMS = 100  # problems of one file that are reported
+MOST_ARRAY_BYTES = 2**33  # bytes of all array files of a scene together: enough for the largest scene
+MOST_CSV = 2**23  # bytes of a .csv file, which is read as text
+INLINE = 64  # number of rows up to which an array is saved in the scene file itself, where a person can read it
 
 Numbers = NDArray[np.float64]
 

@@ -19,8 +19,7 @@ from mpsim.measure.statistics import Measure
 Runs = Floats
 """A measure in each piece of each run, shape (runs, pieces)."""
 
-WINDOWS = 8
-"""Number of windows along the duration in which a changing scene is compared."""
+WINDOWS = 8  # number of windows along the duration in which a changing scene is compared
 
 TREND = 3.0
 """Largest trend of a stationary series, in standard errors. About ten series of a scene are tested, so that two would
@@ -29,8 +28,7 @@ be too few."""
 LATEST = 0.5
 """Latest start of a stationary state, as a fraction of the duration: a later one does not represent the scene."""
 
-FEWEST = 4
-"""Smallest number of pieces of a stationary state: fewer cannot show a trend."""
+FEWEST = 4  # smallest number of pieces of a stationary state: fewer cannot show a trend
 
 SEEN = 4.0
 """Standard errors by which a mean must exceed zero to be the unit of a relative error: else a few of the runs would
@@ -144,8 +142,7 @@ RESOLVED = 3.0
 """Standard errors by which a difference must exceed zero to be resolved: a table has hundreds of differences, and one
 in twenty exceeds two standard errors by chance."""
 
-CERTAIN = 2.0
-"""Standard errors that are added to an error when it is compared with a budget."""
+CERTAIN = 2.0  # standard errors that are added to an error when it is compared with a budget
 
 FEW_RUNS = 8
 """Number of runs below which texts mention it: the quantiles are then far above those of a normal distribution."""
@@ -154,8 +151,7 @@ CROSS_VALIDATION = math.sqrt(1 + 2 / math.pi)
 """Factor on the error of a cross-validated choice: if a single mode makes all the noise, of amplitudes a and b in the
 two halves, sign(a) b and sign(b) a are correlated, with E(|a| |b|) = 2/pi of a variance."""
 
-SAME_TRAJECTORY = 1e-9
-"""Distance below which trajectories count as equal [diameters]."""
+SAME_TRAJECTORY = 1e-9  # distance below which trajectories count as equal [diameters]
 
 
 @dataclass(frozen=True)

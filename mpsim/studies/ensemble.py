@@ -61,8 +61,7 @@ from mpsim.studies.runner import RunFile, Runner, Stopped
 # collisions soon decorrelate them. Before that, all runs amount to a single sample, and their scatter does not show
 # its noise. So that time does not count as stationary (`Ensemble.memory`).
 
-PIECES = 16
-"""Number of pieces of a long run: averages are taken over each, and speeds sampled after each."""
+PIECES = 16  # number of pieces of a long run: averages are taken over each, and speeds sampled after each
 
 SPEED_LEVELS = np.linspace(0.2, 2.6, 13)
 """Speeds, in units of the reference's root mean square, at which distributions are compared."""
@@ -212,18 +211,14 @@ RESTARTS = 3
 """Largest number of warm-up runs: if the whole run is shorter than WARM_UP, starting workers for each would take
 minutes."""
 
-CHUNKS = 21
-"""Number of timed pieces; their median is the cost and their quartiles the spread."""
+CHUNKS = 21  # number of timed pieces; their median is the cost and their quartiles the spread
 
 CHUNK_SECONDS = 0.002
 """Approximate length of a timed piece: mostly shorter than a time slice of the scheduler, so that on a busy machine
 most pieces are not interrupted."""
 
-WHOLE = 16
-"""Pieces of a run that is timed as a whole; its discs are counted after each."""
-
-WHOLE_SECONDS = 1.0
-"""Seconds after which no other whole run is timed."""
+WHOLE = 16  # pieces of a run that is timed as a whole; its discs are counted after each
+WHOLE_SECONDS = 1.0  # seconds after which no other whole run is timed
 
 
 @dataclass(frozen=True)
@@ -322,8 +317,7 @@ more than all candidates together, has as many."""
 TIME_LIMIT_FACTOR, LEAST_TIME_LIMIT = 10.0, 10.0
 """Time limit of a run of the reference: this multiple of the forecast, and at least so many seconds."""
 
-RELIABLE_SECONDS = 1.0
-"""Forecast time of runs from which on their measured time corrects later forecasts [s]."""
+RELIABLE_SECONDS = 1.0  # forecast time of runs from which on their measured time corrects later forecasts [s]
 
 ROUNDING = 1e-8
 """Size of a drift or an overlap in runs of the reference from which on it is not rounding: impulses are summed in steps

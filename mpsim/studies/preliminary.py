@@ -177,15 +177,13 @@ AGREEMENT = 20.0
 PERTURBATION = 1e-10
 """Initial difference of the velocities of two runs, as a fraction of a typical speed: far above rounding."""
 
-HIGHEST = 1e-3
-"""Distance, in diameters of the smallest disc, up to which two runs count as close together."""
+HIGHEST = 1e-3  # distance, in diameters of the smallest disc, up to which two runs count as close together
 
 STRAIGHT = 10.0
 """Growth of a difference, over that in straight flight, below which it shows no exponent: there was one collision at
 most."""
 
-SAMPLES = 400
-"""Largest number of times at which two runs are compared."""
+SAMPLES = 400  # largest number of times at which two runs are compared
 
 
 def typical_speed(scene: Scene) -> float:
@@ -248,35 +246,22 @@ def divergence(
 
 # --- The preliminary run of a trade-off study: the reference, the speed of the discs, and their collision rate
 
-STARTS = 8
-"""Number of states along the run from which short runs start."""
+STARTS = 8  # number of states along the run from which short runs start
 
 COLLISIONS = 20_000
 """Approximate number of collisions between two of these states, if there is no duration: enough to decorrelate them."""
 
-EXACT_SECONDS = 10.0
-"""Seconds of a preliminary run after which the exact solver is too slow for a scene."""
-
-STEPPED_SECONDS = 20.0
-"""Seconds after which a stepped preliminary run is too slow, too."""
-
-FINEST = 0.002
-"""Step of a stepped reference, in units of diameter / speed, if there is time for it."""
+EXACT_SECONDS = 10.0  # seconds of a preliminary run after which the exact solver is too slow for a scene
+STEPPED_SECONDS = 20.0  # seconds after which a stepped preliminary run is too slow, too
+FINEST = 0.002  # step of a stepped reference, in units of diameter / speed, if there is time for it
 
 COARSEST = 0.02
 """Its longest step: a coarser reference would not resolve the errors of the steps that are used in practice."""
 
-PRELIMINARY_STEP = 0.05
-"""Step of a stepped preliminary run, in the same units."""
-
-RUNS = 20
-"""Approximate number of runs of the reference in a trade-off study, among which its time is divided."""
-
-FRAMES = 100
-"""Frames that are timed to measure the time of a step."""
-
-MOST_CROSSINGS = 1e11
-"""Length of the runs at most, in times in which a disc flies its diameter."""
+PRELIMINARY_STEP = 0.05  # step of a stepped preliminary run, in the same units
+RUNS = 20  # approximate number of runs of the reference in a trade-off study, among which its time is divided
+FRAMES = 100  # frames that are timed to measure the time of a step
+MOST_CROSSINGS = 1e11  # length of the runs at most, in times in which a disc flies its diameter
 
 LYAPUNOV_TIMES = 2.0
 """Length of a short run in Lyapunov times: long enough to show an error, far below the predictability horizon."""

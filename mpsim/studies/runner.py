@@ -121,8 +121,7 @@ class Runner(Closable, Generic[Key]):
 # A line is written by one system call when its run is done. So Ctrl-C leaves complete lines, and a kill leaves at most
 # one incomplete line, which the next study removes. Only one study at a time may use the file.
 
-MOST_BYTES = 2**32
-"""Largest size of a file: some ten million runs of a sweep."""
+MOST_BYTES = 2**32  # largest size of a file: some ten million runs of a sweep
 
 
 class RunFile(Closable):

@@ -38,17 +38,13 @@ from mpsim.measure.statistics import Measure
 from mpsim.scene.scene import Scene
 from mpsim.studies.runner import RunFile, Runner
 
-FILE = "sweep", 2
-"""Kind and version of the file of a sweep."""
-
-MOST_RUNS = 1_000_000
-"""More runs than this are taken for a mistake: their rows would not fit into memory."""
+FILE = "sweep", 2  # kind and version of the file of a sweep
+MOST_RUNS = 1_000_000  # more runs than this are taken for a mistake: their rows would not fit into memory
 
 OWN = ("run", "seed", "wall_seconds", "failure")
 """Columns that every sweep has, besides those of the grid and of the results."""
 
-LONGEST_FAILURE = 1000
-"""Characters that are kept of an error."""
+LONGEST_FAILURE = 1000  # characters that are kept of an error
 
 Scalar = bool | int | float | str | None
 

@@ -71,8 +71,7 @@ NAIVE_UP_TO = 3000
 
 # --- The trade-off between speed and accuracy: cost and errors of many settings on a scene, as a table
 
-MOST_REPLICAS = 100_000
-"""Largest number of runs per candidate."""
+MOST_REPLICAS = 100_000  # largest number of runs per candidate
 
 SETTINGS = ("method", "contact", "law", "passes", "substeps", "dt", "precision", "workers")
 """Settings that are columns of the table."""

@@ -85,40 +85,25 @@ class Tuned:
         return "\n".join(lines)
 
 
-FIRST = 0.1
-"""First step to try for each family, in units of diameter / speed."""
+FIRST = 0.1  # first step to try for each family, in units of diameter / speed
 
 LONGEST, SHORTEST = 0.5, 0.0005
 """Range of the search, likewise: with longer steps discs may pass through each other; for shorter ones `event` is
 cheaper."""
 
-CLOSE = 1.15
-"""Ratio of two steps, one inside the budgets and one not, at which the search ends."""
-
-MOST_STEPS = 8
-"""Largest number of steps to try for one family."""
-
-MOST_REPLICAS = 64
-"""Largest number of replicas, if noise leaves it undecided whether a budget is met."""
-
-FEWEST_REPLICAS = 6
-"""Smallest number, if runs are long: the standard error of fewer is too uncertain."""
+CLOSE = 1.15  # ratio of two steps, one inside the budgets and one not, at which the search ends
+MOST_STEPS = 8  # largest number of steps to try for one family
+MOST_REPLICAS = 64  # largest number of replicas, if noise leaves it undecided whether a budget is met
+FEWEST_REPLICAS = 6  # smallest number, if runs are long: the standard error of fewer is too uncertain
 
 SEARCH, LEAST_SEARCH = 0.6, 0.25
 """Fraction of the available time for trials, the rest being for verification and timing; and the smallest fraction, if
 the reference has taken longer than forecast."""
 
-SHORTER = 0.7
-"""The next step, at most, after one of which mpsim warns."""
-
-AIM = 0.9
-"""Fraction of the budget that the next step aims at."""
-
-LEAST_RATIO = 4.0
-"""Smallest step of candidates, in steps of a stepped reference."""
-
-VERIFICATIONS = 4
-"""Settings that may fail their verification before the search gives up."""
+SHORTER = 0.7  # the next step, at most, after one of which mpsim warns
+AIM = 0.9  # fraction of the budget that the next step aims at
+LEAST_RATIO = 4.0  # smallest step of candidates, in steps of a stepped reference
+VERIFICATIONS = 4  # settings that may fail their verification before the search gives up
 
 
 def tune(

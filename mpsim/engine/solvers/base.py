@@ -184,8 +184,7 @@ TABLE = np.dtype(
 )
 """A collision, as observers are given it."""
 
-ROOM, ROOM_OF_A_DISC = 4096, 2
-"""Rows of all logs together: so many, and so many more for each disc."""
+ROOM, ROOM_OF_A_DISC = 4096, 2  # rows of all logs together: so many, and so many more for each disc
 
 
 def specs_of(count: int, workers: int, least: int = 0) -> Specs:

@@ -55,8 +55,7 @@ CRUSHING = 1e4
 """So many times as fast as any disc at the start is one to which a wall that moves leaves no room: the gap in which it
 bounces is then a ten-thousandth of what it was."""
 
-LONGEST = 1e100
-"""Frame that is taken at most [time], and one over the slowest scene [length/time]."""
+LONGEST = 1e100  # frame that is taken at most [time], and one over the slowest scene [length/time]
 
 MOST_CROSSINGS = 1e10
 """Crossings of the box by a disc in one frame: some minutes of them, in the smallest scene."""
@@ -249,16 +248,12 @@ def _capsules(scene: Scene, cells: tuple[int, int]) -> Capsules:
 
 # --- Snapshots of the exact solver: their content, and checks of it
 
-SLACK = 1e-6
-"""Fraction of a cell by which rounding may have put a centre beyond its limit."""
+SLACK = 1e-6  # fraction of a cell by which rounding may have put a centre beyond its limit
 
 PARTNER = (records.EVENT.names or ()).index("partner")
 
-CRUSHING_SPEED = "crushing_speed"
-"""That of a scene with a wall that moves [length/time], by name, shape (1,)."""
-
-_SAVED_AS = {"image": "winding"}
-"""Columns that have another name in a snapshot."""
+CRUSHING_SPEED = "crushing_speed"  # that of a scene with a wall that moves [length/time], by name, shape (1,)
+_SAVED_AS = {"image": "winding"}  # columns that have another name in a snapshot
 
 # --- columns
 

@@ -48,11 +48,8 @@ METHODS: dict[str, Method] = {
 }
 """Every method by its name in Settings; `auto` is one of AUTO."""
 
-RANKS = "mpsim.engine.solvers.ranks.messages"
-"""The module that imports mpi4py, where ranks are asked for."""
-
-AUTO = ("naive", "grid", "parallel")
-"""Methods among which `auto` chooses."""
+RANKS = "mpsim.engine.solvers.ranks.messages"  # the module that imports mpi4py, where ranks are asked for
+AUTO = ("naive", "grid", "parallel")  # methods among which `auto` chooses
 
 NAIVE_UP_TO = 160
 """Discs up to which `auto` tests all pairs. A constant, not a measurement: naive and grid resolve contacts in different

@@ -15,8 +15,7 @@ from mpsim.scene.scene import Scene
 
 # --- Speeds of the discs of a state, relative to what the step allows
 
-DENSE = 0.7
-"""Packing from which on discs are taken for a crystal."""
+DENSE = 0.7  # packing from which on discs are taken for a crystal
 
 
 @dataclass(frozen=True)

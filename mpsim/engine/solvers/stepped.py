@@ -37,8 +37,7 @@ from mpsim.scene.settings import Settings
 
 # --- The grid, and the arrays of the shared block of a stepped solver
 
-WORDS = records.LINE_PAIR // 8
-"""int64 words that one worker's row of an array is a multiple of."""
+WORDS = records.LINE_PAIR // 8  # int64 words that one worker's row of an array is a multiple of
 
 CELLS_PER_DISC = 2
 """In a dilute scene cells grow beyond one diameter, so that there are about this many per disc."""
@@ -106,8 +105,7 @@ def block_arrays(capacity: int, grid: Grid, workers: int, precision: str, featur
 
 # --- Checks of snapshots
 
-SLACK = 1e-6
-"""Fraction of the box by which rounding may have put a centre beyond its limit."""
+SLACK = 1e-6  # fraction of the box by which rounding may have put a centre beyond its limit
 
 
 def disc_at(discs: records.Discs, slot: int) -> tuple[int, tuple[float, float, float, float]]:

@@ -41,8 +41,7 @@ def _unblock(_: object) -> None:
 multiprocessing.util.register_after_fork(_unblock, _unblock)
 
 
-PATIENCE = 2.0
-"""Seconds in which a worker that was told to stop may do so before it is ended by signal."""
+PATIENCE = 2.0  # seconds in which a worker that was told to stop may do so before it is ended by signal
 
 LOOK = 0.05
 """Seconds between two looks at workers whose fork server, which tells of their ends, has itself been ended."""
@@ -50,8 +49,7 @@ LOOK = 0.05
 START_PATIENCE = 1200.0
 """Seconds in which a worker must be ready: it may have to compile every kernel, on a busy machine."""
 
-UNKNOWN = 255
-"""Exit code of a worker whose own nobody can tell any more; multiprocessing takes it for the same."""
+UNKNOWN = 255  # exit code of a worker whose own nobody can tell any more; multiprocessing takes it for the same
 
 ENOUGH_DESCRIPTORS = 24
 """Descriptors that are open at once, at most, while a worker is started, and with the first the fork server."""

@@ -26,8 +26,7 @@ from numpy.typing import DTypeLike, NDArray
 from mpsim.core.deferred_signals import interrupts_held_back
 from mpsim.errors import ResourceError, SharedMemoryError, is_of_the_system
 
-MOST_FRAMES = 4096
-"""Frames of one command at most: the length of the array of times in the shared block."""
+MOST_FRAMES = 4096  # frames of one command at most: the length of the array of times in the shared block
 
 
 Specs = dict[str, tuple[DTypeLike, tuple[int, ...]]]
@@ -140,8 +139,7 @@ two, which the sort reads and writes side by side, that doubles its time. A mult
 what the prefetcher takes at a time."""
 
 
-FOLDER = Path("/dev/shm")
-"""Where Linux shows shared memory as files."""
+FOLDER = Path("/dev/shm")  # where Linux shows shared memory as files
 
 MAP_FIXED = 0x10
 """Of the C function mmap: at that address, in place of what is there. Python's module has not got it."""

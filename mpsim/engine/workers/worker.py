@@ -23,25 +23,20 @@ from mpsim.kernels.features.hooks import features_of
 from mpsim.kernels.frame.stepping import run_grid
 from mpsim.kernels.waiting import add_to_word, load_word, store_word
 
-NAME = "mpsim-worker-"
-"""Names of worker processes begin with it."""
+NAME = "mpsim-worker-"  # names of worker processes begin with it
 
 LINGER = 2_000_000
 """Nanoseconds for which a worker without a command polls (giving its core away) before it sleeps in its pipe: a loop
 of short runs then needs no system call to wake a worker, and an idle pool costs nothing."""
 
-NAP = 0.0005
-"""Seconds between two looks for a command that is announced and late."""
+NAP = 0.0005  # seconds between two looks for a command that is announced and late
 
 LATE, UNASKED = 0.001, 16
 """Seconds after which a worker that is woken off the coordinator's core is late, as other programs have the other
 cores; and how many times it is then woken where the scheduler likes."""
 
-ORPHANED = 3
-"""Exit code of a worker whose coordinator is gone."""
-
-REFUSED = 4
-"""Exit code of a worker to which the system refuses what it needs."""
+ORPHANED = 3  # exit code of a worker whose coordinator is gone
+REFUSED = 4  # exit code of a worker to which the system refuses what it needs
 
 
 class Program(NamedTuple):
@@ -127,8 +122,7 @@ def _grid_call(block: SharedBlock, worker: int = 0) -> Callable[[], int]:
     return call_of(block, run_grid, worker, LINGER)
 
 
-GRID = Program(_grid_call, _grid_call)
-"""Of the methods grid and parallel."""
+GRID = Program(_grid_call, _grid_call)  # of the methods grid and parallel
 
 
 def load_kernels(block: SharedBlock, program: Program = GRID) -> None:

@@ -56,11 +56,8 @@ from mpsim.scene.settings import Settings
 Source = Callable[[int, int], tuple[NDArray[Any], NDArray[Any]]]
 """Places and velocities of a range of discs, shape (last - first, 2), called with (first, last)."""
 
-NOWHERE = np.zeros((0, 2))
-"""Places of no disc."""
-
-BALANCE_EVERY = 64
-"""Frames between two load-balance checks."""
+NOWHERE = np.zeros((0, 2))  # places of no disc
+BALANCE_EVERY = 64  # frames between two load-balance checks
 
 UNEVEN = 1.1
 """Discs of the rank with the most, in parts of the mean or of what whole columns leave it, from which on columns are
