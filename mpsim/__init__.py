@@ -169,3 +169,7 @@ __all__ = [
     "tune",
     "view",
 ]
+
+for _name in __all__:
+    if _name.endswith(("Error", "Warning")):
+        getattr(errors, _name).__module__ = "mpsim"  # by which people catch it, and which tracebacks show

@@ -196,17 +196,3 @@ class OverlapWarning(UserWarning):
 
 class ResolutionWarning(UserWarning):
     """The precision of the run is too coarse for coordinates or velocities of the scene: the result is degraded."""
-
-
-for _each in (
-    MpsimError,
-    InputError,
-    CheckpointError,
-    DivergedError,
-    TooFastError,
-    WorkerDiedError,
-    FastWarning,
-    OverlapWarning,
-):
-    _each.__module__ = "mpsim"  # the shorter name, by which people catch it, and which tracebacks show
-del _each

@@ -109,8 +109,7 @@ def description(file: SceneFile) -> dict[str, str]:
     if file.compressed is not None:
         words["start"] = f"compressed to packing {file.compressed['packing']:g} at rate {file.compressed['rate']:g}"
     if scene.count:
-        mean = float(np.sqrt((scene.velocity**2).sum(axis=1).mean()))
-        words["speed"] = f"{mean:.3g} (root mean square)"
+        words["speed"] = f"{np.sqrt((scene.velocity**2).sum(axis=1).mean()):.3g} (root mean square)"
     present = {each.argument: each.description(scene) for each in scene._features}
     words |= {name: text for name, text in present.items() if text}
     words["duration"] = "none recommended" if scene.duration is None else f"{scene.duration:g}"
@@ -172,8 +171,7 @@ def plot(folder: Path, out: Path | None, force: bool) -> None:
         raise refusal(repr(str(folder)), "hold a frame", "an empty trajectory", "Let the run continue for a while.")
     title = f"{found.record['scene']}, frame {table['frame'][-1]:.0f}, {found.record['status']}"
     figure = history(table, found.scene, frames[-1], title)
-    path = save_figure(figure, out or folder / "plot.png")
-    click.echo(f"written: {path}")
+    click.echo(f"written: {save_figure(figure, out or folder / 'plot.png')}")
 
 
 ANIMATE_EXAMPLES = """\b
@@ -232,5 +230,4 @@ def animate(
         animation.animate(file.scene, settings, out, frames, every=every, **look, progress=not quiet)
     except KeyboardInterrupt:
         raise terminal.Interrupted(f"Interrupted; {str(out)!r} was not written.") from None
-    size = out.stat().st_size
-    click.echo(f"written: {out}, {frames} pictures, {frames / fps:.3g} s, {size / 1000:.0f} kB")
+    click.echo(f"written: {out}, {frames} pictures, {frames / fps:.3g} s, {out.stat().st_size / 1000:.0f} kB")

@@ -126,8 +126,7 @@ class RunFolder(Closable):
                 f"{str(folder)!r} must hold a run of format {FORMAT}, which this mpsim reads; it is of format {found}, "
                 f"{newer if found > FORMAT else older}"
             )
-        missing = sorted(name for name, kind in KINDS.items() if not isinstance(record.get(name), kind))
-        if missing:
+        if missing := sorted(name for name, kind in KINDS.items() if not isinstance(record.get(name), kind)):
             raise InputError(f"{RECORD} must hold {', '.join(missing)}; that in {str(folder)!r} does not.")
         return cls(folder, record)
 
@@ -162,8 +161,7 @@ class RunFolder(Closable):
 
     def finish(self, sim: Simulation, report: Report, part: dict[str, Any]) -> None:
         """Record a part of the run, its times, and the last state."""
-        parts = self.record["parts"]
-        parts.append(part)
+        self.record["parts"].append(part)
         self._write(self.timings, report.to_csv(first_frame=sim.frame - report.frames + 1))
         sim.state.save(self[STATE])
         self.note(sim, "done" if sim.frame >= self.record["target"] else "paused")

@@ -46,7 +46,6 @@ def _study_options(most: int, of: str = "") -> Callable[..., Any]:
 
 
 def _budget_option(name: str) -> Callable[..., Any]:
-    """The budget of a measure."""
     text = f"Largest error of {name.replace('_', ' ')}, {_WORDS.get(UNITS.get(name, ''), 'relative: 0.01 or 1%')}."
     kind = terminal.Share(below=1.0 if OBSERVABLES[name].error == "relative" else math.inf)
     return terminal.option(f"--{name.replace('_', '-')} {name}", kind, text)

@@ -113,8 +113,7 @@ def _recording(path: str, given: dict[str, Any], options: dict[str, Any]) -> "Re
     """The recording that a path leads to; `given` is for its `Trajectory`."""
     from mpsim.viewer.playback import Recording  # noqa: PLC0415 - as above
 
-    wrong = sorted(name for name, value in options.items() if value is not None)
-    if wrong:
+    if wrong := sorted(name for name, value in options.items() if value is not None):
         raise click.UsageError(
             f"--{wrong[0].replace('_', '-')} can be given only with a scene; {path!r} is a recording, which is only "
             "shown. Leave it out."

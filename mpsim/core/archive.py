@@ -29,8 +29,7 @@ Arrays = dict[str, NDArray[Any]]
 
 def save_arrays(what: str, path: Path, arrays: Mapping[str, Any]) -> Path:
     """Write arrays and numbers by name; `what` they are. An existing file is replaced completely or not at all."""
-    rule = "be in a folder that can be written to"
-    with files.writable(what, path, rule), files.atomic_write(path) as file:
+    with files.writable(what, path, "be in a folder that can be written to"), files.atomic_write(path) as file:
         np.savez(file, **arrays)
     return path
 

@@ -140,8 +140,7 @@ def one_or_each(name: str, value: Any, count: int, unit: str) -> float | Floats:
     if np.ndim(value) == 0:
         return positive(name, value, unit)
     array = finite_array(name, value, (count,), f"() or ({count},), one per row of position")
-    bad = np.flatnonzero(array <= 0)
-    if len(bad):
+    if len(bad := np.flatnonzero(array <= 0)):
         raise InputError(f"{name} must be > 0 {unit}; {name}[{bad[0]}] is {array[bad[0]]} (such values: {len(bad)}).")
     return float(array[0]) if count and (array == array[0]).all() else array
 
@@ -314,11 +313,10 @@ def keep_fields(thing: Any, **rules: Callable[[str, Any], Any] | str) -> None:
     number > 0.
     """
     kind = type(thing)
-    whose = of_a(kind)
     for name, rule in rules.items():
         value = getattr(thing, name)
         if value is not None or getattr(kind, name, 0) is not None:
-            what = f"{name} of {whose}"
+            what = f"{name} of {of_a(kind)}"
             vars(thing)[name] = positive(what, value, rule) if isinstance(rule, str) else rule(what, value)
 
 

@@ -13,8 +13,7 @@ from typing import Any
 
 from mpsim.core import checks
 
-Show = Callable[[int, int, str], None]
-"""Called as show(done, of, what)."""
+Show = Callable[[int, int, str], None]  # called as show(done, of, what)
 
 OFTEN = 0.1  # seconds between two states of the line
 

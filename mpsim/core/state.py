@@ -51,7 +51,6 @@ class State:
     Raises:
         InputError: if one of these has another shape, or image comes without box, which has the periods.
 
-    >>> import numpy as np
     >>> state = State(position=np.array([[1.0, 2.0]]), velocity=np.zeros((1, 2)))
     >>> state.position.tolist(), state.present.tolist()
     ([[1.0, 2.0]], [True])
@@ -138,7 +137,6 @@ class State:
         These coordinates are continuous where a disc crosses a border: differences of two states are displacements.
         Where image is None they are the positions.
 
-        >>> import numpy as np
         >>> place, image = np.array([[4.0, 2.0]]), np.array([[1, 0]])
         >>> State(place, np.zeros((1, 2)), image=image, box=(0, 10, 0, 5)).unwrapped.tolist()
         [[14.0, 2.0]]
@@ -155,7 +153,6 @@ class State:
         Image flags and other arrays of the discs are included if there are any, and which discs are present after one
         has left.
 
-        >>> import numpy as np
         >>> State(np.zeros((1, 2)), np.ones((1, 2))).digest() == State(np.zeros((1, 2)), np.ones((1, 2))).digest()
         True
         """

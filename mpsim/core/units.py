@@ -112,8 +112,7 @@ class Units:
         value = checks.positive(name, value, "in SI")
         vars(self).update(length=length, mass=mass, time=_TIME_FROM[name](length, mass, value))
         for quantity in _POWERS:
-            size = self.in_si(quantity)
-            if not 0 < size < math.inf:
+            if not 0 < (size := self.in_si(quantity)) < math.inf:
                 raise InputError(
                     f"length, mass and {name} must give units that fit float64; one unit of {quantity} is {size:g} in "
                     f"SI, with length={length:g}, mass={mass:g} and {name}={value:g}. Give less extreme ones."

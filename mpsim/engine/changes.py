@@ -419,8 +419,7 @@ def checked_set(
 def checked_kick(solver: Solver, ids: ArrayLike, impulse: ArrayLike) -> Change:
     """`Simulation.kick`, checked."""
     numbers = present_numbers(solver, ids)
-    impulses = _pairs("impulse", impulse, len(numbers), solver)
-    change = made(solver, KICK, {"ids": numbers, "impulse": impulses})
+    change = made(solver, KICK, {"ids": numbers, "impulse": _pairs("impulse", impulse, len(numbers), solver)})
     changed = edited(solver.discs(numbers), change)
     name, velocity = "the velocity after the kick", np.asarray(changed.velocity, np.float64)
     checks.fitting(name, velocity, solver.terms.settings.precision)

@@ -341,13 +341,12 @@ def _packed(snapshot: Snapshot) -> tuple[bytes, dict[str, Array]]:
         "discs": snapshot.count,
     }
     text = json.dumps(header).encode()
-    length = len(text)
-    if length > MOST_HEADER:
+    if len(text) > MOST_HEADER:
         number = {each.argument: len(each.of(scene)) for each in FEATURES if each.kinds and each.several}
         counts = " and ".join(f"{count:,} {name}" for name, count in number.items())
         raise OutputError(
             f"{' and '.join(number)} must take at most {MOST_HEADER:,} bytes of a checkpoint's header, or it could not "
-            f"be read again; got {length:,} bytes for {counts}. Use fewer; one Polyline takes the place of many."
+            f"be read again; got {len(text):,} bytes for {counts}. Use fewer; one Polyline takes the place of many."
         )
     return text, everything
 

@@ -109,8 +109,7 @@ def _clear(scene: Scene, radius: float, places: Floats, time: float) -> NDArray[
 
 # --- Emitters: discs that enter a running simulation
 
-Insert = Callable[[NewDiscs], None]
-"""What adds discs to a simulation."""
+Insert = Callable[[NewDiscs], None]  # what adds discs to a simulation
 
 TRIES = 8
 """Times in an interval at which the place of a waiting disc is looked at. A power of two: k TRIES / TRIES is k."""

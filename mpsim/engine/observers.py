@@ -197,11 +197,7 @@ class Sensor(Collisions):
         return np.array([each[3] for each in self._found], np.float64)
 
     def begin(self, sim: Simulation) -> None:
-        """A run of the simulation `sim` begins.
-
-        Raises:
-            InputError: if this belongs to another one, or the scene has no such obstacle.
-        """
+        """As that of `Collisions`; the scene of `sim` must have the obstacle too."""
         number = len(sim.scene.obstacles)
         if self._obstacle is not None and self._obstacle >= number:
             raise InputError(
@@ -216,7 +212,6 @@ class Sensor(Collisions):
         self._found.append((sim.frame, len(met), along, across))
 
     def _meets(self, table: NDArray[Any]) -> NDArray[np.bool_]:
-        """Which collisions are counted."""
         if self._obstacle is not None:
             return (table["kind"] == 2) & (table["j"] == self._obstacle)
         if self._region is None:

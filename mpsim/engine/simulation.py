@@ -5,8 +5,8 @@ command is chosen, and if a worker has died the run goes back to a snapshot. Who
 (`access.py`); what moves discs holds `access.state_lock`.
 """
 
-# pyright: reportPrivateUsage=false
-# Names of Scene that begin with an underscore are for all of mpsim.
+# pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
+# Names of Scene with an underscore are for all of mpsim. Arguments are checked for callers without a type checker, too.
 
 from __future__ import annotations
 
@@ -89,9 +89,6 @@ from mpsim.kernels.compiling import compile_seconds
 from mpsim.scene.scene import Scene, settings_for
 from mpsim.scene.settings import Settings
 from mpsim.scene.starts import check_region, is_in
-
-# pyright: reportUnnecessaryIsInstance=false
-# Arguments are checked when the program runs as well, for callers without a type checker.
 
 MEMORY_SECONDS = 0.1
 """Time of frames between two readings of the memory of processes, at least: each opens files of the system."""
@@ -688,7 +685,6 @@ class Simulation(ReadOnly, Closable):
             return self._step_limits.check(solver, notices, new, changed)
 
     def _report(self, record: RunRecord, observing_seconds: float) -> Report:
-        """The report of a run that is over."""
         solver, averages, measures = self._open_solver(), record.averages, Measures()
         if averages is not None:
             measures = Measures(averages.measures(self.scene, solver.count, self.settings.dt))
@@ -714,8 +710,7 @@ class Simulation(ReadOnly, Closable):
         """Memory of the processes and of the block, read anew after a while, and by another solver's processes."""
         now, known = self._batch_sizer.seconds_run, self._memory
         if self._can.on_ranks or known is None or now >= known.until or known.pids != solver.pids:
-            known = Memory(now + MEMORY_SECONDS, solver.pids, resources_of(solver))
-            self._memory = known
+            known = self._memory = Memory(now + MEMORY_SECONDS, solver.pids, resources_of(solver))
         return known.resources
 
     # --- changes between two frames
@@ -798,7 +793,6 @@ class Simulation(ReadOnly, Closable):
             InputError: naming the argument, its rule and the value received; then nothing is changed.
             TooFastError: as settings.on_fast says; then nothing is changed either.
 
-        >>> from mpsim import Scene, Simulation
         >>> scene = Scene(width=4, height=3, position=[[1, 1], [3, 2]], velocity=[[1, 0], [0, 0]], radius=0.5)
         >>> with Simulation(scene) as sim:
         ...     sim.set(1, position=(2.5, 1.5), velocity=(0, 1))
@@ -820,7 +814,6 @@ class Simulation(ReadOnly, Closable):
         Raises:
             InputError, TooFastError: as `set`.
 
-        >>> from mpsim import Scene, Simulation
         >>> scene = Scene(width=4, height=3, position=[[1, 1]], velocity=[[1, 0]], radius=0.5)
         >>> with Simulation(scene) as sim:
         ...     sim.kick(0, (0.5, 2.0))
@@ -846,7 +839,6 @@ class Simulation(ReadOnly, Closable):
         Raises:
             InputError: as `set`.
 
-        >>> from mpsim import Scene, Simulation
         >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
         >>> with Simulation(scene) as sim:
         ...     sim.remove([1, 3])
@@ -876,7 +868,6 @@ class Simulation(ReadOnly, Closable):
         Raises:
             InputError, TooFastError: as `set`; the first says what can be changed.
 
-        >>> from mpsim import Scene, Simulation
         >>> scene = Scene(width=9, height=9, position=[[4, 5]], velocity=[[0, 0]], radius=0.5, gravity=(0, -1))
         >>> with Simulation(scene) as sim:
         ...     sim.change(gravity=(1, 0), dt=0.005)
@@ -912,7 +903,6 @@ class Simulation(ReadOnly, Closable):
         Raises:
             InputError: as `set`, also where it leaves a disc, an emitter or the piston no room.
 
-        >>> from mpsim import Scene, Simulation
         >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[1, 0]], radius=0.5)
         >>> with Simulation(scene) as sim:
         ...     wall = sim.add_wall([(4, 0), (4, 4)])
@@ -935,7 +925,7 @@ class Simulation(ReadOnly, Closable):
         Raises:
             InputError, TooFastError: as `set`, also where the motion would leave the box, or begin elsewhere.
 
-        >>> from mpsim import Scene, Simulation, Translation
+        >>> from mpsim import Translation
         >>> scene = Scene(width=8, height=4, position=[[2, 2]], velocity=[[0, 0]], radius=0.5)
         >>> with Simulation(scene) as sim:
         ...     wall = sim.add_wall([(4, 0), (4, 4)])
@@ -957,7 +947,7 @@ class Simulation(ReadOnly, Closable):
         Raises:
             InputError: if there is no such obstacle, with those that are there.
 
-        >>> from mpsim import Polyline, Scene, Simulation
+        >>> from mpsim import Polyline
         >>> partition = Polyline([(4, 0), (4, 4)])
         >>> scene = Scene(width=8, height=4, position=[[3, 2]], velocity=[[1, 0]], radius=0.5, obstacles=partition)
         >>> with Simulation(scene) as sim:
@@ -1035,7 +1025,6 @@ class Simulation(ReadOnly, Closable):
             self._note(change)
 
     def _note(self, change: Change) -> None:
-        """Note a change that has been made."""
         self._changes.append(change)
         if self._record is not None and self._record.averages is not None:
             self._record.averages.interrupted(self.scene, self._solver.count)
@@ -1086,7 +1075,6 @@ class Simulation(ReadOnly, Closable):
         A checkpoint holds it, so that of a resumed simulation begins where the first one did. `journal.save` writes it,
         and `Simulation.replay` runs it again, with the same bits. On ranks all ask for it; one of them saves it.
 
-        >>> from mpsim import Scene, Simulation
         >>> scene = Scene.random(count=5, packing=0.2, radius=0.5, seed=1)
         >>> with Simulation(scene) as sim:
         ...     sim.kick([0, 1], impulse=(1, 0))

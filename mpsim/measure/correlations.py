@@ -424,7 +424,6 @@ class Correlations:
             sim: the simulation, always the same.
             collisions: not used.
         """
-        del collisions
         self._bind_or_check(sim)
         if sim.frame < self._frame or sim.time < self.start - 1e-6 * sim.settings.dt:
             return
@@ -482,7 +481,6 @@ class Correlations:
         return Motion(self.wave_numbers, self._points, levels, discs, self.every, dt, constant, memory, sim.count)
 
     def _levels(self, interval: float) -> int:
-        """Levels of the correlator whose samples have this interval."""
         if self._longest is None:
             return LEVELS
         if (intervals := self._longest / interval) > MOST_LOOKS:
@@ -701,7 +699,6 @@ class Series:
             sim: the simulation, always the same.
             collisions: not used.
         """
-        del collisions
         self._owner.bind_or_check(sim)
         if sim.frame <= self._frame:
             return

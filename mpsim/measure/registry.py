@@ -96,8 +96,7 @@ def _walls(scene: Scene) -> list[int]:
     return [index for index, edge in enumerate(EDGES) if not wraps[index] and edge not in scene.absorbing]
 
 
-Counts = NDArray[Any]
-"""What was counted in each frame: records.COUNTS, shape (frames,)."""
+Counts = NDArray[Any]  # what was counted in each frame: records.COUNTS, shape (frames,)
 
 
 def pressure(counts: Counts, run: Run) -> Measure:
@@ -164,8 +163,7 @@ def pressure_xx(counts: Counts, run: Run) -> Measure:
 
 def pressure_yy(counts: Counts, run: Run) -> Measure:
     """Pressure along y, likewise [mass/time^2]: that on walls at the bottom and the top of the box."""
-    virial = counts["virial"] - counts["virial_xx"]
-    return _component(counts, virial, 1, _free(run.scene)[1] * run.scene.width, run)
+    return _component(counts, counts["virial"] - counts["virial_xx"], 1, _free(run.scene)[1] * run.scene.width, run)
 
 
 def pressure_xy(counts: Counts, run: Run) -> Measure:
@@ -598,8 +596,7 @@ class RunAverages:
             elif name in COUNTED:
                 results[name] = COUNTED[name](counts, run)
             elif name in SAMPLED:
-                constant = OBSERVABLES[name].constant(run)
-                results[name] = average_beside(slow, series[name], constant=constant)
+                results[name] = average_beside(slow, series[name], constant=OBSERVABLES[name].constant(run))
             else:
                 value = DRIFTS[name](counts, run, self._before[name], after[name]) if name in after else math.nan
                 results[name] = Measure(value, math.nan, 1, settled=False)

@@ -153,12 +153,10 @@ def executable(instead: str) -> str:
     Raises:
         OutputError: if neither is found; `instead` says what to do without it.
     """
-    found = shutil.which("ffmpeg")
-    if found is not None:
+    if (found := shutil.which("ffmpeg")) is not None:
         return found
-    package = imported("imageio_ffmpeg", "an .mp4", "film", f"install ffmpeg, or {instead}")
     try:
-        return package.get_ffmpeg_exe()
+        return imported("imageio_ffmpeg", "an .mp4", "film", f"install ffmpeg, or {instead}").get_ffmpeg_exe()
     except RuntimeError as error:  # a build of the package without one
         raise OutputError(f"an .mp4 needs ffmpeg, which was not found ({error}). Install it, or {instead}.") from None
 

@@ -269,8 +269,7 @@ def draw_obstacles(axes: Axes, scene: Scene, capsules: NDArray[np.float64], them
                 shapes += [Annulus((ax, ay), far, far + radius, color=colour)] * (x == y == 0)
                 continue
             shapes += [Circle((float(end[0]), float(end[1])), radius, color=colour) for end in (a, b)]
-            length = float(np.hypot(*(b - a)))
-            if length:
+            if length := float(np.hypot(*(b - a))):
                 across = radius / length * np.array([ay - by, bx - ax])
                 shapes.append(Polygon([a - across, b - across, b + across, a + across], color=colour))
     shapes += [Polygon(capsules[part, :2], color=colours[part.start]) for part in polygons(capsules)]
@@ -386,9 +385,8 @@ def checked_picture(path: str | os.PathLike[str]) -> Path:
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> Path:
     """Write a figure in mpsim's style, in the format of the path's ending."""
     target = checked_picture(path)
-    rule = "be a file that can be written, such as a .png"
     with (
-        files.writable("a picture", target, rule),
+        files.writable("a picture", target, "be a file that can be written, such as a .png"),
         matplotlib.rc_context(fname=STYLE),
         files.atomic_write(target) as file,
     ):
@@ -511,8 +509,7 @@ def _shown_by(state: object, scene: object) -> Shown:
     if scene is not None and not isinstance(scene, Scene):
         raise checks.refusal("scene", "be an mpsim.Scene", type(scene).__name__, "Use Scene.load, or Scene(...).")
     if isinstance(state, Scene | Simulation) and scene is not None:
-        kind = type(state).__name__
-        raise checks.refusal("scene", f"be left out with a {kind}, which has its own", repr(scene))
+        raise checks.refusal("scene", f"be left out with a {type(state).__name__}, which has its own", repr(scene))
     if isinstance(state, Scene):
         start = State(state.position, state.velocity, spin=state.spin, box=state.box)
         return Shown(placed(start, state), state, state.radii, state.masses)

@@ -191,8 +191,7 @@ class Given:
                 raise TrajectoryError(f"{where} must hold no {name} below 0; got {known[name].min()}.")
         if "ids" in known:
             order = np.argsort(known["ids"], kind="stable")
-            twice = np.flatnonzero(np.diff(known["ids"][order]) == 0)
-            if len(twice):
+            if len(twice := np.flatnonzero(np.diff(known["ids"][order]) == 0)):
                 raise TrajectoryError(f"{where} must hold each id once; got {known['ids'][order[twice[0]]]} twice.")
             if (order[1:] < order[:-1]).any():
                 position = position[order]
@@ -212,8 +211,7 @@ FLAT = 1e-6
 
 def _in_plane(name: str, vectors: NDArray[Any], z: ArrayLike, scale: float, where: str) -> NDArray[Any]:
     """Vectors of shape (N, 2), from some of shape (N, 2) or (N, 3) whose last component must be `z`."""
-    off = np.flatnonzero(np.abs(vectors[:, 2:] - z) > FLAT * scale)
-    if len(off):
+    if len(off := np.flatnonzero(np.abs(vectors[:, 2:] - z) > FLAT * scale)):
         raise TrajectoryError(
             f"{where} must be two-dimensional, with the same z for all discs, and no velocity along z; got a {name} "
             f"with z = {vectors[off[0], 2]:g} of disc {off[0]}, not {np.max(z):g}. Write one layer: mpsim has no third "

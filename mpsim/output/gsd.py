@@ -135,8 +135,7 @@ class GsdReader:
             known["radius"] = radius
         place = np.column_stack([discs.position[:, :2] + box[:2] / 2, discs.position[:, 2]])
         for name, values in {"position": place, **known}.items():
-            bad = np.unique(np.nonzero(~np.isfinite(values))[0])
-            if len(bad):
+            if len(bad := np.unique(np.nonzero(~np.isfinite(values))[0])):
                 raise TrajectoryError(
                     f"{where} must hold finite numbers; got {name} {values[bad[0]]} of disc {bad[0]}."
                 )
@@ -236,10 +235,9 @@ def _copy(source: Path, target: Path, frames: int) -> None:
     low = _library("gsd.fl")
     with low.open(str(source), "r") as old:
         options = {"application": old.application, "schema": old.schema, "schema_version": old.schema_version}
-        names = old.find_matching_chunk_names("")
         with low.open(str(target), "w", **options) as new:
             for frame in range(frames):
-                for name in names:
+                for name in old.find_matching_chunk_names(""):
                     if old.chunk_exists(frame=frame, name=name):
                         new.write_chunk(name, old.read_chunk(frame=frame, name=name))
                 new.end_frame()

@@ -67,7 +67,6 @@ class Recorder(Closable):
         self._file.flush()
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
 

@@ -126,8 +126,7 @@ def _discs(sim: Simulation, now: Frame, last: Frame) -> str | None:
     known = last.ids < sim.count
     ids = last.ids[known]
     for name, theirs, ours in (("radius", last.radius, sim.radii), ("mass", last.mass, sim.masses)):
-        other = np.flatnonzero(theirs[known] != ours[ids])
-        if len(other):
+        if len(other := np.flatnonzero(theirs[known] != ours[ids])):
             disc = int(ids[other[0]])
             return f"its {name} of disc {disc} is {theirs[known][other[0]]:g} and not {ours[disc]:g}"
     if behind:
@@ -423,15 +422,13 @@ class TrajectoryWriter(Closable):
 
     def _demand_same_run(self, sim: Simulation, now: Frame, first: Frame, last: Frame) -> None:
         """Refuse to continue a file of another run, or one that lacks what mpsim writes now."""
-        missing = [words for each, words in NEEDED.items() if each not in last.known]
-        if missing:
+        if missing := [words for each, words in NEEDED.items() if each not in last.known]:
             raise OutputError(
                 f"{self._name} must hold {', '.join(missing)} to be continued, so that all its frames hold the same; "
                 "it was written by an earlier version of mpsim or another program. It can be read as it is: move it, "
                 "or choose another file."
             )
-        wrong = discrepancy(sim, now, first, last)
-        if wrong:
+        if wrong := discrepancy(sim, now, first, last):
             raise OutputError(
                 f"{self._name} can be continued only by the run that wrote it; {wrong}. Nothing was written. Choose "
                 "another file, or replace this one with mode='w'."

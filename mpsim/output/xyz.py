@@ -319,8 +319,7 @@ def table(
     if len(found) < len(rows):
         raise _wrong_row(where, rows, first, widths, kinds, says)
     for name in kinds:
-        infinite = np.flatnonzero(~np.isfinite(found[name]).all(axis=1))
-        if len(infinite):
+        if len(infinite := np.flatnonzero(~np.isfinite(found[name]).all(axis=1))):
             words = f"must hold finite numbers in its column {name}; got {found[name][infinite[0]]}."
             raise refusal(where, first + int(infinite[0]), words)
     return {name: found[name] for name in kinds}
@@ -333,8 +332,7 @@ def _wrong_row(
     names = [name for name, width in widths.items() for _ in range(width)]
     for line, words in enumerate(map(str.split, rows), first):
         if len(words) != len(names):
-            text = f"must have {len(names)} columns, as {says}; got a line with {len(words)}."
-            return refusal(where, line, text)
+            return refusal(where, line, f"must have {len(names)} columns, as {says}; got a line with {len(words)}.")
         for name, word in zip(names, words, strict=True):
             try:
                 np.array(kinds.get(name, str)(_FORTRAN.sub(r"\1e\2", word)), kinds.get(name))

@@ -157,8 +157,7 @@ def _fly(
     most = EVENTS * count
     rest = solver.nothing_to_play()[3:]
     while status == records.PAUSED and store.counter.events < most:
-        left = most - int(store.counter.events)
-        most_now = min(left, EVENTS_AT_ONCE)
+        most_now = min(most - int(store.counter.events), EVENTS_AT_ONCE)
         _, status, _ = solver.run_events(solver.PLAY, store, box, features, until, 1, most_now, *rest)
     reached = status == records.REACHED
     time = until if reached else float(store.clock.origin + store.clock.now)

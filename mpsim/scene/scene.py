@@ -198,8 +198,7 @@ class Scene(ReadOnly):
         Raises:
             InputError: if the scene has no such discs.
 
-        >>> import mpsim
-        >>> scene = mpsim.Scene.lattice(count=1_000_000, packing=0.5, radius=0.5)
+        >>> scene = Scene.lattice(count=1_000_000, packing=0.5, radius=0.5)
         >>> position, velocity = scene.rows(500_000, 500_003)
         >>> position.shape, bool((abs(position[:, 0] - scene.width / 2) < 1).all())
         ((3, 2), True)
@@ -242,9 +241,8 @@ class Scene(ReadOnly):
     def digest(self) -> str:
         """Hex digest of everything that a run depends on, without recommendations; equal digests mean equal bits.
 
-        >>> import mpsim
-        >>> made = mpsim.Scene.random(count=100, packing=0.4, radius=0.5, seed=1)
-        >>> mpsim.Scene.load("gas").digest() == made.digest()
+        >>> made = Scene.random(count=100, packing=0.4, radius=0.5, seed=1)
+        >>> Scene.load("gas").digest() == made.digest()
         True
         """
         digest = hashlib.blake2b(digest_size=16)
@@ -428,8 +426,7 @@ class Scene(ReadOnly):
                 at rest, or one with obstacles, emitters, absorbing edges or a piston; or if the discs jam before they
                 reach the packing; the error names the one they reached [1].
 
-        >>> import mpsim
-        >>> scene = mpsim.Scene.random(count=100, packing=0.5, radius=0.5, boundary="periodic", seed=1)
+        >>> scene = Scene.random(count=100, packing=0.5, radius=0.5, boundary="periodic", seed=1)
         >>> dense = scene.compressed(0.75)
         >>> dense, dense.overlaps_at_start()
         (<Scene: 100 discs of radius 0.5 in 10.2333 x 10.2333, packing 0.75, periodic xy>, '')
@@ -724,12 +721,10 @@ class Scene(ReadOnly):
 
     @functools.cached_property
     def _features(self) -> tuple[Feature, ...]:
-        """The features that it has."""
         return tuple(each for each in FEATURES if each.is_in(self))
 
     @functools.cached_property
     def _columns(self) -> list[Column]:
-        """The columns that its discs have."""
         own = [IMAGE] if any(self.periodic) else []
         there = [each for each in FEATURES if each.is_in(self) or (self._has_gaps and each.removes_discs)]
         return own + [column for feature in there for column in feature.columns]

@@ -118,7 +118,6 @@ def _keys(kind: type[Any], many: bool = False) -> dict[str, bool]:
 
 @cache
 def _hints(kind: type[Any]) -> dict[str, Any]:
-    """The types of the fields of a class."""
     return get_type_hints(kind)
 
 

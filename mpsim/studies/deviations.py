@@ -16,8 +16,7 @@ from mpsim.measure.statistics import Measure
 
 # --- Scenes that change with time: windows along the duration, and the stationary state, if there is one
 
-Runs = Floats
-"""A measure in each piece of each run, shape (runs, pieces)."""
+Runs = Floats  # a measure in each piece of each run, shape (runs, pieces)
 
 WINDOWS = 8  # number of windows along the duration in which a changing scene is compared
 
@@ -351,8 +350,7 @@ def _windowed(ours: Floats, theirs: Floats, shift: Floats | None, least: int) ->
 
 def _relative(name: str, ours: Floats, theirs: Floats, shift: Floats | None, least: int) -> Deviation:
     """Error as a fraction of the reference: in the stationary state, or the mean over windows and the largest."""
-    reason = unmeasurable(name, theirs)
-    if reason:
+    if reason := unmeasurable(name, theirs):
         return Deviation.unknown(reason)
     ours, theirs, spans = _windowed(ours[:, :, None], theirs[:, :, None], shift, least)
     unit = theirs.mean(axis=0)

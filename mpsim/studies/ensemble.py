@@ -399,8 +399,7 @@ class Ensemble:
             least = min(max(2 * crossing, DECORRELATION_TIMES * memory * first.exact), 1e3 * crossing)
             usual = PAIRS / (first.collisions * self.replicas) if first.collisions else 100 * crossing
             until = float(np.clip(usual, least, 1e5 * crossing)) if first.collisions else usual
-        known = self.starts.same and memory < until / 2
-        return until, memory if known else 0.0
+        return until, memory if self.starts.same and memory < until / 2 else 0.0
 
     def warning_of(self, settings: Settings) -> str:
         """The FastWarning of a run of the scene with these settings, or ""."""
@@ -545,8 +544,7 @@ class Ensemble:
         """Refuse measures whose errors would be meaningless, judged by the reference alone: NotMeasurableError."""
         runs = self._reference_runs(self.replicas) if self._long else []
         for name in self._long:
-            reason = self._why_not(name, runs) or self._too_rough(name, budgets[name])
-            if reason:
+            if reason := self._why_not(name, runs) or self._too_rough(name, budgets[name]):
                 raise NotMeasurableError(f"{name} is not measurable here: {reason}")
 
     def _why_not(self, name: str, runs: list[dict[str, Any]]) -> str:

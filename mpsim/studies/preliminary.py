@@ -55,8 +55,7 @@ one start: too small to matter, large enough for collisions to decorrelate them 
 
 KINDS = ("kind", "same")
 
-StartsGiven = str | Callable[[int], Scene] | None
-"""The argument `starts`: see `Starts`."""
+StartsGiven = str | Callable[[int], Scene] | None  # the argument `starts`: see `Starts`
 
 
 class Starts:
@@ -118,8 +117,7 @@ def varied(scene: Scene, seed: int) -> Scene:
     position = starts.displaced(scene.position, scene.radii, room, moves)
     velocity = scene.velocity * (1 + VARIATION * rng.normal(size=scene.velocity.shape))
     masses = 1.0 if scene.mass is None else scene.mass[:, None]
-    squares = float((masses * velocity**2).sum())
-    if squares > 0:
+    if (squares := float((masses * velocity**2).sum())) > 0:
         velocity *= np.sqrt(float((masses * scene.velocity**2).sum()) / squares)
     emitters = tuple(_varied_emitter(scene, emitter, scene.largest_radius, rng) for emitter in scene.emitters)
     return scene.starting_from(State(position, velocity))._replace(emitters=emitters)

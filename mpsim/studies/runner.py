@@ -22,8 +22,7 @@ MOST_SUBMITTED = 4096
 """Tasks that an executor holds at most: many for each worker of a large cluster, without memory for millions."""
 
 Key = TypeVar("Key")
-Task = tuple[Key, tuple[Any, ...]]
-"""(key, (function, argument, ...))"""
+Task = tuple[Key, tuple[Any, ...]]  # (key, (function, argument, ...))
 
 
 class Stopped(Exception):  # noqa: N818 - not an error
@@ -238,8 +237,7 @@ class RunFile(Closable):
             raise self._unreadable(reason_of(error)) from None
         if content and not (content.startswith(begin) or begin.startswith(content)):
             raise self._unreadable(f"it does not begin with {begin.decode()}")
-        whole = content.rpartition(b"\n")[0]
-        if whole:
+        if whole := content.rpartition(b"\n")[0]:
             head, *self._lines = whole.split(b"\n")
             self.head, self._whole = self._parsed(1, head), len(whole) + 1
 

@@ -51,8 +51,7 @@ Scalar = bool | int | float | str | None
 Key = tuple[str, int]
 """What distinguishes a run from all others: the text of its point, and its number there; 0 without seeds."""
 
-Outcome = dict[str, Any]
-"""The last fields of a SweepRow, plain values."""
+Outcome = dict[str, Any]  # the last fields of a SweepRow, plain values
 
 
 @dataclass(frozen=True)
@@ -85,10 +84,9 @@ class Sweep:
         parameters: names of the grid.
         rows: one for each run, failed ones included.
 
-    >>> import mpsim
     >>> def area(width, height):
     ...     return {"area": width * height}
-    >>> table = mpsim.sweep(area, {"width": [1.0, 2.0], "height": [3.0, 0.0]})
+    >>> table = sweep(area, {"width": [1.0, 2.0], "height": [3.0, 0.0]})
     >>> table
     <Sweep: 4 runs of area over width, height>
     >>> [(row.point["width"], row.point["height"], row.values["area"]) for row in table.rows]

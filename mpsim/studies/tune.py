@@ -406,7 +406,6 @@ def _cost(trial: Row) -> float:
 
 
 def _worst(row: Row, budgets: dict[str, float]) -> float:
-    """Largest error of a row over its budget."""
     return max((row.errors[name].over(budget) for name, budget in budgets.items() if row.errors), default=math.inf)
 
 

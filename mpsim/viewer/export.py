@@ -19,7 +19,7 @@ from PIL import Image
 from mpsim.engine.simulation import Simulation
 from mpsim.errors import InputError
 from mpsim.features.feature import chosen, plain
-from mpsim.output.animation import DPI, image_of, write_gif
+from mpsim.output.animation import DPI, PIXELS, image_of, write_gif
 from mpsim.output.drawing import PAGE, ColourScale, MovingDiscs
 from mpsim.scene import scenefile, settings
 from mpsim.scene.scene import Scene
@@ -44,15 +44,14 @@ MOST_DISCS = 150_000
 """Largest number of discs in all pictures of a film together: some seconds of drawing. With more discs, some pictures
 are left out."""
 
-PIXELS = 480  # pixels of the longer side of the box
 GAP = 8  # pixels between two stages
 
 
 class Film:
-    """Keeps the pictures of the last seconds. It starts afresh when a second stage begins or ends."""
+    """Keeps the `pictures` of the last seconds, the oldest first; afresh when a second stage begins or ends."""
 
     def __init__(self) -> None:
-        self._kept: deque[SentPicture] = deque(maxlen=SECONDS * PICTURES_A_SECOND)
+        self.pictures: deque[SentPicture] = deque(maxlen=SECONDS * PICTURES_A_SECOND)
         self._kind: tuple[Any, ...] = ()  # extent of the scene, and number of stages
         self._next = 0.0
 
@@ -63,17 +62,13 @@ class Film:
         extent = np.frombuffer(picture.stages[0].packed, HEADER, 1)["extent"][0]
         kind = (*extent.tolist(), len(picture.stages))
         if kind != self._kind:
-            self._kept.clear()
+            self.pictures.clear()
             self._kind = kind
         self._next = max(self._next + 1 / PICTURES_A_SECOND, now + 0.5 / PICTURES_A_SECOND)
-        self._kept.append(picture)
+        self.pictures.append(picture)
         # Pictures mostly share radii and walls with the picture before.
-        while len(self._kept) > 1 and sum(len(s.packed) for each in self._kept for s in each.stages) > MOST_BYTES:
-            self._kept.popleft()
-
-    def pictures(self) -> list[SentPicture]:
-        """The kept pictures, the oldest first."""
-        return list(self._kept)
+        while len(self.pictures) > 1 and sum(len(s.packed) for each in self.pictures for s in each.stages) > MOST_BYTES:
+            self.pictures.popleft()
 
 
 FILM = "film.gif"  # the name that a browser requests
@@ -104,8 +99,7 @@ def _drawn(pictures: Sequence[SentPicture], scene: Scene) -> Iterator[Image.Imag
     moving: list[MovingDiscs] = []
     for number, stage in enumerate(stages):
         axes = figure.add_axes((number * (width + GAP) / whole, 0, width / whole, 1), facecolor=PAGE.ground)
-        shades = ColourScale(0, FASTEST)
-        moving.append(MovingDiscs(axes, scene, *unpack(stage)[:2], shades, theme=PAGE))
+        moving.append(MovingDiscs(axes, scene, *unpack(stage)[:2], ColourScale(0, FASTEST), theme=PAGE))
         for spine in axes.spines.values():
             spine.set_visible(False)
     for picture in pictures:
@@ -195,8 +189,7 @@ def _text(value: Any) -> str:
     if isinstance(value, np.ndarray | np.generic):
         return repr(value.tolist())
     if isinstance(value, list | tuple):
-        inside = ", ".join(map(_text, value))
-        return f"[{inside}]"
+        return f"[{', '.join(map(_text, value))}]"
     if isinstance(value, float) and not math.isfinite(value):
         return f'float("{value}")'
     return repr(value)

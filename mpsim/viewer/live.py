@@ -149,12 +149,6 @@ class View(Closable):
         address: address of the page. Anyone who has it can control the view, because it contains the secret token.
 
     The page shows lengths and times in the units of the scene, [length] and [time].
-
-    >>> import mpsim
-    >>> scene = mpsim.Scene.random(count=50, packing=0.2, radius=0.5, seed=1)
-    >>> with View(scene) as page:
-    ...     page.address.startswith("http://127.0.0.1:")
-    True
     """
 
     def __init__(

@@ -352,8 +352,7 @@ class Broadcast:
         self._time = discs.time
         capsules = self._told_capsules()
         stages = [self._stage(k, each, colours, plain) for k, each in enumerate((discs, second)) if each is not None]
-        picture = SentPicture(self._serial, capsules, tuple(stages))
-        self._audience.from_outside(self._audience.show, picture)
+        self._audience.from_outside(self._audience.show, SentPicture(self._serial, capsules, tuple(stages)))
 
     def _stage(self, stage: int, discs: InPlace, colours: NDArray[np.uint8] | None, plain: bool) -> Stage:
         count = len(discs.number)

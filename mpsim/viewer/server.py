@@ -84,8 +84,7 @@ class Admission:
 
     def demand_own_page(self, headers: Any) -> None:
         """Raise Refusal for a connection that was not requested by a page of this view."""
-        origins = headers.get_all("Origin")
-        if origins != [f"http://{headers.get_all('Host')[0]}"]:
+        if headers.get_all("Origin") != [f"http://{headers.get_all('Host')[0]}"]:
             raise Refusal(403, "Only the page of this view may connect to it. Open the address that it has printed.")
 
     def _is_here(self, host: str) -> bool:
@@ -385,7 +384,7 @@ class Pages(ABC):
             raise Refusal(503, f"At most {MOST_FILES} files are made at a time. Try again.")
         try:
             if name == export.FILM:
-                making = self._drawing.submit(export.film, self._film.pictures(), self.source.scene)
+                making = self._drawing.submit(export.film, list(self._film.pictures), self.source.scene)
             else:
                 making = self.source.export(name)
             self._making.append(making)

@@ -109,6 +109,7 @@ MADE_BY = {
     "SpeedDistribution": measure.speed_distribution,
     "TrajectoryDeviation": measure.trajectory_error,
     "TwoDiscs": reference.two_discs,
+    "View": mpsim.view,
 }
 """Results, which nobody makes by hand, and whose example shows one."""
 

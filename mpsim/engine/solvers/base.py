@@ -709,7 +709,6 @@ class Solver(ABC):
         return {log.SUM: self.work.together, log.UNIT: np.array([self.work_unit])} if self.work_unit else {}
 
     def _restore_work(self, snapshot: SolverState) -> None:
-        """Go on from the work in a snapshot."""
         self._count_work_from(snapshot.get(log.SUM, NO_WORK), float(snapshot.get(log.UNIT, np.zeros(1))[0]))
 
     # --- snapshots

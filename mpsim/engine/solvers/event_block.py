@@ -458,14 +458,12 @@ class BlockPlan(NamedTuple):
         return System(store, box, features)
 
     def _tiling(self, count: int) -> Tiling:
-        """The tiles for so many discs."""
         scene = self.terms.scene
         if not all(feature.on_tiles for feature in scene._features):
             return WHOLE
         return tiling_of(count, cells_for(scene, count), scene.periodic, self.workers)
 
     def _box(self, count: int) -> Box:
-        """The box with the cells for so many discs."""
         scene, (impulse, virial) = self.terms.scene, self.units
         common = 0.0 if has_radii(scene) else scene.largest_radius
         return Box(scene.width, scene.height, *scene.periodic, *cells_for(scene, count), common, impulse, virial)

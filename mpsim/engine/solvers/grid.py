@@ -145,18 +145,13 @@ class GridSolver(SteppedSolver, CollisionLog):
         if not self.logging:
             return self._command(frames, workers, stop, count_enabled)
         with interrupts_held_back():  # what a log could not hold is found out before anybody else comes
-            return self._logged_command(frames, workers, stop, count_enabled)
-
-    def _logged_command(self, frames: int, workers: int, stop: float, count_enabled: bool) -> BatchResult:
-        """The same, with all collisions in the log: if they do not fit, the frames are run again with more room."""
-        before, frame = self.snapshot(), self.frame
-        frames = min(frames, self._frames_that_fit)
-        while True:
-            self._arrays[collisions.STATE][:] = 0
-            result = self._command(frames, workers, stop, count_enabled)
-            if self._take_logs(result.times.shape[1], frame):
-                return result
-            self.restore(before, self.choice, self.terms)
+            before, frame = self.snapshot(), self.frame
+            while True:
+                self._arrays[collisions.STATE][:] = 0
+                result = self._command(min(frames, self._frames_that_fit), workers, stop, count_enabled)
+                if self._take_logs(result.times.shape[1], frame):
+                    return result
+                self.restore(before, self.choice, self.terms)  # to run the frames again with more room
 
     def _take_logs(self, frames: int, frame: int) -> bool:
         """Make a table of what a command has logged. False: not all has fitted; a block that is made now has room.

@@ -259,8 +259,7 @@ class SharedBlock:
         """Drop the views and the mapping; the owner also removes the block. May be called again, and at any moment."""
         self.arrays.clear()
         self.calls.clear()
-        memory = self._memory
-        if memory is not None:
+        if (memory := self._memory) is not None:
             try:
                 memory.close()
             except BufferError:

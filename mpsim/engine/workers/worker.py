@@ -168,8 +168,7 @@ def _end_with_coordinator(pid: int) -> None:
     fork server's). But it is a pipe that forks of the coordinator hold open, too, so where there are such things a
     descriptor of the process itself is waited on as well.
     """
-    coordinator = parent_process()
-    if coordinator is not None:
+    if (coordinator := parent_process()) is not None:
         ends = [coordinator.sentinel]
         with suppress(AttributeError, OSError):  # not on this system; or it is gone by now, which the sentinel tells
             ends.append(os.pidfd_open(pid))

@@ -117,8 +117,7 @@ class MpiSolver(SteppedSolver):
         if self._ranks is None:
             self._ranks = MpiRanks(self.choice.processes.comm)
             self._ranks.answer = self._answer
-        versions = __version__, source_digest()
-        self._ranks.assert_same_on_ranks("versions of mpsim and of its compiler", versions)
+        self._ranks.assert_same_on_ranks("versions of mpsim and of its compiler", (__version__, source_digest()))
         self._ranks.assert_same_on_ranks("scene and settings", (self._scene.digest(), self._settings))
 
     def _enter_all(self, rows: Source, given: Mapping[str, NDArray[Any]], progress: tuple[int, int]) -> None:

@@ -92,8 +92,7 @@ def in_turns(borders: list[Border], own: Range) -> list[list[Border]]:
 
 # --- The subdomain of one rank: the discs of its columns, and the calls that make up a step
 
-Rows = dict[str, NDArray[Any]]
-"""A row for each disc, by name of what it is."""
+Rows = dict[str, NDArray[Any]]  # a row for each disc, by name of what it is
 
 
 class Question(NamedTuple):
@@ -261,7 +260,6 @@ class Subdomain:
         self._begin(discs)
 
     def _begin(self, discs: NDArray[Any]) -> None:
-        """Begin with these own discs."""
         control, own, team, now = self.arrays["control"], self._own, self.arrays["team"], self.arguments()
         kernels.unpack_own(discs, len(discs), now.a, now.features)
         self._sorted = None
