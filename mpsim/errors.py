@@ -191,7 +191,10 @@ class GuardWarning(UserWarning):
 
 
 class OverlapWarning(UserWarning):
-    """Discs overlap at the start. The first frames push them apart, which changes positions but not the energy."""
+    """Discs overlap at the start. The first frames push them apart, which changes positions but not the energy.
+
+    By `event`, discs that overlap obstacles leave them without a collision; those that overlap discs are refused.
+    """
 
 
 class ResolutionWarning(UserWarning):

@@ -20,7 +20,7 @@ from mpsim.kernels.geometry import RADIUS
 from mpsim.kernels.records import STEPS_OF_OVERLAP
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
-from mpsim.scene.starts import Room, overlaps
+from mpsim.scene.starts import Room, overlap_of_obstacles, overlaps
 
 # --- Checks whether the floating-point precision is sufficient for a scene; refuses it or warns
 
@@ -293,7 +293,7 @@ class StepLimits:
         """Frames in which a wall takes SQUEEZE of the least room that it leaves, and the last of such looks."""
         walls, dt, room = self._scene._moving_walls, self._settings.dt, self._scene._smallest_sides()
         # A wall that needs 1e18 frames for it has no effect that can be told from none.
-        frames = min(SQUEEZE * room[wall.axis] / (wall.speed * dt) for wall in walls)
+        frames = min((SQUEEZE * room[wall.axis] / (wall.speed * dt) for wall in walls if wall.speed), default=1e18)
         every = math.ceil(min(max(frames, 1.0), 1e18))
         last = self._origin.frame + (max(wall.rests for wall in walls) - self._origin.time) / dt
         return every, every * math.ceil(min(last / every, 1e18))
@@ -301,10 +301,11 @@ class StepLimits:
     def at_start(self, notices: Notices) -> None:
         """Warn, before anything is run, of overlaps, lost digits, and speeds, unless these are refused."""
         scene = self._scene
-        overlaps = scene.overlaps_at_start() if self._has_steps else ""  # which are refused without steps
-        if overlaps:
-            text = "The first frames push them apart. To avoid this, give positions that leave room for the discs."
-            notices.warn(f"{overlaps}. {text}", OverlapWarning)
+        # Without steps, discs that overlap each other are refused when they are placed.
+        if found := scene.overlaps_at_start() if self._has_steps else overlap_of_obstacles(scene):
+            then = "The first frames push them apart" if self._has_steps else "method='event' lets them leave"
+            text = f"{found}. {then}. To avoid this, give positions that leave room for the discs."
+            notices.warn(text, OverlapWarning)
         self.at_resume(notices)
         if not self._has_steps:
             return

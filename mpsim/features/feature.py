@@ -24,7 +24,7 @@ from mpsim.core.checks import Floats
 from mpsim.core.columns import Column
 from mpsim.errors import InputError, OutputError
 from mpsim.features.capsules import Deepest
-from mpsim.features.edges import EDGES, MovingWall
+from mpsim.features.edges import MovingWall
 
 if TYPE_CHECKING:
     from mpsim.scene.scene import Scene
@@ -179,7 +179,7 @@ class Feature:
 
     def works(self, scene: Scene) -> tuple[int | str, ...]:
         """What of it does work on discs or heats them, as `Simulation.work` names it."""
-        return tuple(EDGES[wall.edge] for wall in self.moving_walls(scene) if wall.speed)
+        return ()
 
     def continued(self, scene: Scene, moment: Continuation) -> Any:
         """Its value in a scene that starts from a moment of a run of this one."""

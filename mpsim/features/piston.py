@@ -1,4 +1,4 @@
-"""Pistons: walls of the box that move. Checked when made; immutable."""
+"""Pistons: walls of the box that move, in and out or along themselves. Checked when made; immutable."""
 
 # pyright: reportPrivateUsage=false, reportUnnecessaryIsInstance=false
 # Names of Scene with an underscore are for all of mpsim; arguments are checked for callers without a type checker, too.
@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -18,7 +18,7 @@ from mpsim.core import checks
 from mpsim.core.checks import Floats
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import AddedDiscs, Continuation, Feature, Invalidation
+from mpsim.features.feature import AddedDiscs, Continuation, Feature
 from mpsim.features.motions import MOTIONS, Movement, Rotation, Translation, check_kind
 from mpsim.features.properties import densest_packing, has_radii
 from mpsim.kernels.features.bodies import MOTION, moving_wall_in, pose_at
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Piston:
-    """A wall of the box that moves: by a motion, or in the short form at constant speed until it stops.
+    """A wall of the box that moves: by a motion, or in the short form at constant speed until it stops, or as a belt.
 
     Args:
         wall: "left", "right", "bottom" or "top".
@@ -40,12 +40,16 @@ class Piston:
             it is at rest. None: at its wall.
         motion: instead of speed and stop: a Translation, an Oscillation or a Path at right angles to the wall, in and
             out as it likes. It must stay in the box, and all discs must fit where it is farthest in.
+        surface_velocity: at which the wall runs along itself, along x or y, acting through wall_friction, as in a shear
+            cell [length/time]; alone or with one of the others.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
 
     >>> Piston("right", speed=-0.5, stop=3).stop
     3.0
+    >>> Piston("top", surface_velocity=2)
+    Piston(wall='top', surface_velocity=2.0)
     """
 
     wall: str
@@ -53,13 +57,18 @@ class Piston:
     stop: float | None = None
     start: float | None = None
     motion: Movement | None = None
+    surface_velocity: float = 0.0
 
     def __post_init__(self) -> None:
         checks.choice("wall of a Piston", self.wall, EDGES)
+        checks.keep_fields(self, surface_velocity=checks.finite)
+        if self.surface_velocity and self.speed is self.stop is self.motion is None:
+            checks.keep_fields(self, start=partial(checks.non_negative, unit="[length]"))
+            return
         if (self.speed is None, self.stop is None) != (self.motion is not None,) * 2:
             given = [name for name in ("speed", "stop", "motion") if getattr(self, name) is not None]
             raise InputError(
-                "a Piston must have either a speed and a stop, or a motion; got "
+                "a Piston must have either a speed and a stop, or a motion, or a surface_velocity alone; got "
                 f"{' and '.join(given) or 'none of them'}. Give those of one way."
             )
         checks.keep_fields(self, start=partial(checks.non_negative, unit="[length]"), speed=checks.finite)
@@ -95,7 +104,11 @@ class Piston:
             )
 
     def __repr__(self) -> str:
-        return f"Piston({', '.join(f'{name}={each!r}' for name, each in vars(self).items() if each is not None)})"
+        given = {name: each for name, each in vars(self).items() if each is not None and (name, each) != _AT_REST}
+        return f"Piston({', '.join(f'{name}={each!r}' for name, each in given.items())})"
+
+
+_AT_REST = ("surface_velocity", 0.0)
 
 
 def check_piston(piston: Any, scene: Scene) -> Piston | tuple[Piston, ...] | None:
@@ -137,8 +150,9 @@ def _way(piston: Piston, scene: Scene) -> tuple[int, float, float, float]:
     home = next(each for each in (scene._piston_from[1], piston.start, at_rest) if each is not None)
     if piston.stop is not None:
         return edge, home, min(home, piston.stop), max(home, piston.stop)
-    motion: Any = piston.motion
-    low, high = motion.swept(np.full((1, 2), home))
+    if piston.motion is None:
+        return edge, home, home, home
+    low, high = piston.motion.swept(np.full((1, 2), home))
     return edge, home, float(low[edge // 2]), float(high[edge // 2])
 
 
@@ -152,13 +166,6 @@ class PistonFeature(Feature):
     examples: ClassVar[tuple[Any, ...]] = (Piston("left", 1.0, stop=1.0), Piston("right", -1.0, stop=1.0))
     drives = "a piston"
     relief = "let a piston stop earlier"
-    invalidates: ClassVar[tuple[Invalidation, ...]] = (
-        Invalidation(
-            ("pressure", "virial", "energy_drift"),
-            "moving walls (a piston), which do work and change the box",
-            "Run until the piston rests, and measure in a scene without it, made of sim.state, in a box of that size.",
-        ),
-    )
 
     def pistons(self, scene: Scene) -> tuple[Piston, ...]:
         """All that the scene has."""
@@ -168,6 +175,11 @@ class PistonFeature(Feature):
     def check(self, scene: Scene) -> None:
         largest = scene.largest_radius
         for piston, wall in zip(self.pistons(scene), self.moving_walls(scene), strict=True):
+            if piston.surface_velocity and not scene.wall_friction:
+                rule = "be 0 in a scene without wall_friction, through which it acts"
+                instead = "Give the scene a wall_friction > 0, or leave it out."
+                name = f"surface_velocity of the {wall.name}"
+                raise checks.refusal(name, rule, f"{piston.surface_velocity:g}", instead)
             left = scene._smallest_sides()[wall.axis]
             if 2 * largest > left:
                 raise InputError(
@@ -189,22 +201,26 @@ class PistonFeature(Feature):
 
     def _moving_wall(self, piston: Piston, scene: Scene) -> MovingWall:
         (edge, home, low, high), motion = _way(piston, scene), piston.motion
+        length = (scene.width, scene.height)[edge // 2]
+        record = np.zeros(1, moving_wall_in(np.float64))[0]
+        record.home, record.low, record.high = home, max(low, 0.0), min(high, length)
+        record.running, record.end, knots = piston.surface_velocity, home, np.zeros((0, 3))
+        name = "piston" if piston is self.of(scene) else f"{piston.wall} piston"
+        if motion is piston.speed is None:
+            return MovingWall(name, edge, record, knots)
         if motion is None:
             velocity = np.array([piston.speed, 0.0] if edge < 2 else [0.0, piston.speed])
             motion = Translation(velocity, start=scene._piston_from[0])
         body, knots = motion.body()
-        record = np.zeros(1, moving_wall_in(np.float64))[0]
-        for name, *_ in MOTION:
-            record[name] = body[name]
+        for field, *_ in MOTION:
+            record[field] = body[field]
         if piston.stop is not None and piston.speed is not None:
             record.stop = (piston.stop - home) / piston.speed
-        length = (scene.width, scene.height)[edge // 2]
-        record.moves, record.home, record.low, record.high = 1, home, max(low, 0.0), min(high, length)
-        record.end = home if piston.stop is None else piston.stop
+        record.moves, record.end = 1, home if piston.stop is None else piston.stop
         if piston.stop is None and math.isfinite(record.stop):
             pose = pose_at(record, knots, record.start + record.stop)
             record.end = min(max(home + (pose.x + pose.y), record.low), record.high)
-        return MovingWall("piston" if piston is self.of(scene) else f"{piston.wall} piston", edge, record, knots)
+        return MovingWall(name, edge, record, knots)
 
     def walls(self, scene: Scene, real: Any) -> dict[str, NDArray[Any]]:
         """The arrays of `MovingWalls`, in the precision of a run."""
@@ -218,6 +234,9 @@ class PistonFeature(Feature):
         margin = 0.0 if has_radii(scene) else scene.largest_radius
         walls["margin"] = margin, -margin, margin, -margin
         return {"wall": walls, "knots": np.concatenate(tables)}
+
+    def works(self, scene: Scene) -> tuple[int | str, ...]:
+        return tuple(EDGES[wall.edge] for wall in self.moving_walls(scene) if wall.speed or wall.record.running)
 
     def continued(self, scene: Scene, moment: Continuation) -> Any:
         found: list[Piston] = []
@@ -241,16 +260,20 @@ class PistonFeature(Feature):
         arrays["moving_wall.wall"]["dt"], arrays["moving_wall.wall"]["origin"] = dt, origin[1]
 
     def description(self, scene: Scene) -> str:
-        how = {
-            each.wall: f"speed {each.speed:g}, {'' if each.start is None else f'from {each.start:g} '}to {each.stop:g}"
-            if each.motion is None
-            else repr(each.motion)
-            for each in self.pistons(scene)
-        }
-        return "; ".join(f"the {wall} wall, {words}" for wall, words in how.items())
+        return "; ".join(f"the {each.wall} wall, {', '.join(_way_in_words(each))}" for each in self.pistons(scene))
 
 
 PISTON = PistonFeature()
+
+
+def _way_in_words(piston: Piston) -> Iterator[str]:
+    if piston.speed is not None:
+        start = "" if piston.start is None else f"from {piston.start:g} "
+        yield f"speed {piston.speed:g}, {start}to {piston.stop:g}"
+    if piston.motion is not None:
+        yield repr(piston.motion)
+    if piston.surface_velocity:
+        yield f"surface velocity {piston.surface_velocity:g}"
 
 
 def _limit(piston: Piston) -> str:

@@ -844,6 +844,7 @@ def room_at_start(size: tuple[float, float], boundary: tuple[str, str], radius: 
     if piston is None:
         return room
     box: dict[str, Any] = {"width": size[0], "height": size[1], "boundary": boundary, "piston": piston}
+    box["wall_friction"] = 1.0  # for a piston with a surface velocity: that the scene has none is refused later
     walls = Scene(position=nobody, velocity=nobody, radius=float(np.max(radius, initial=0.0)) or 1.0, **box).box
     return room._replace(walls=walls) if walls != (0.0, size[0], 0.0, size[1]) else room
 

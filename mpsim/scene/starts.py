@@ -39,15 +39,18 @@ def overlaps_in_words(scene: Any) -> str:
             if pairs.pairs == 1
             else f"{pairs.pairs} pairs of discs overlap at the start, {discs} deepest, by {pairs.largest:.3g}"
         )
-    found = scene._deepest(scene.position, scene.radii)
-    if found is not None:
-        words.append(
-            f"disc {found.disc} overlaps {found.where} at the start, by {found.depth:.3g}"
-            if found.number == 1
-            else f"{found.number} discs overlap an obstacle at the start, disc {found.disc} and {found.where} deepest, "
-            f"by {found.depth:.3g}"
-        )
-    return "; ".join(words)
+    return "; ".join([*words, *filter(None, [overlap_of_obstacles(scene)])])
+
+
+def overlap_of_obstacles(scene: Any) -> str:
+    """Overlaps of discs with obstacles in words; "" without any."""
+    found = None if scene._on_lattice is not None else scene._deepest(scene.position, scene.radii)
+    if found is None:
+        return ""
+    if found.number == 1:
+        return f"disc {found.disc} overlaps {found.where} at the start, by {found.depth:.3g}"
+    deepest = f"disc {found.disc} and {found.where} deepest, by {found.depth:.3g}"
+    return f"{found.number} discs overlap an obstacle at the start, {deepest}"
 
 
 # --- The box, and parts of it

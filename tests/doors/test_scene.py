@@ -65,6 +65,7 @@ SCENES = {
     "a piston without an end": ({"piston": Piston("left", motion=Translation((0.5, 0)))}, ["[0, 8]; got [0, inf]"]),
     "a motion that leaves no room": ({"piston": Piston("left", motion=Translation((1, 0), 7.5))},
                                      ["motion of the piston must leave room for the largest disc", "got 7.5"]),
+    "a wall that runs without friction": ({"piston": Piston("top", surface_velocity=1)}, ["wall_friction", "got 1"]),
     "two of one wall": ({"piston": [Piston("top", -1, 4), Piston("left", 1, 1), Piston("top", -1, 5)]},
                         ["at most one Piston for each wall; got more for 'top'", "Leave one"]),
     "two that meet": ({"piston": [Piston("top", -1, 2), Piston("bottom", 1, 2)]},
@@ -233,6 +234,8 @@ def test_overlaps_are_found_through_periodic_borders_and_with_obstacles():
     )
     control = Scene(position=np.clip(places, 0.4, None), **how)
     assert control.overlaps_at_start() == "disc 3 overlaps obstacles[0] at the start, by 0.05"
+    with pytest.warns(mpsim.OverlapWarning, match=r"disc 3 overlaps obstacles\[0\].*method='event' lets them leave"):
+        mpsim.Simulation(control, Settings(method="event")).close()
 
 
 @hypothesis_settings(max_examples=20)

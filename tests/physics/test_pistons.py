@@ -263,6 +263,46 @@ def test_a_slow_piston_keeps_temperature_times_area():
     assert fast > 1.5 * expected, f"a piston as fast as the discs must heat by more; got {fast}"
 
 
+# --- walls that run along themselves
+
+SHEARED = [{"method": "event", "dt": 0.25}, {"method": "naive", "contact": "impact"}, {"method": "grid"}]
+
+
+@pytest.mark.parametrize("how", SHEARED, ids=str)
+@pytest.mark.parametrize("wall", ["left", "right", "bottom", "top"])
+def test_a_wall_that_runs_takes_a_disc_along_as_one_at_rest_slows_it(wall, how):
+    """Seen from the wall both are the same; its work is its velocity times the impulse of friction."""
+    axis, sign = int(wall in ("bottom", "top")), -1.0 if wall in ("left", "bottom") else 1.0
+    there, past = sign * np.eye(2)[axis], np.eye(2)[1 - axis]
+
+    def hit(velocity, **piston):
+        scene = one((2, 2), velocity, Piston(wall, **piston) if piston else None, 4.0, 4.0, wall_friction=0.05)
+        with simulate(scene, **{"dt": 1 / 64, **how}) as sim:
+            sim.run(until=0.5)
+            return sim.state.velocity[0], float(sim.state.spin[0]), sim.work
+
+    (taken, spin, work), (slowed, turned, _) = hit(4 * there, surface_velocity=1.5), hit(4 * there - 1.5 * past)
+    assert taken == pytest.approx(-4 * there + 0.05 * 8 * past, abs=1e-12), "along its axis: mu times the normal change"
+    assert (*slowed + 1.5 * past, turned) == pytest.approx((*taken, spin), abs=1e-12)
+    assert abs(spin) == pytest.approx(2 * 0.4 / 0.5, abs=1e-12)
+    assert work == pytest.approx({wall: 1.5 * 0.4}, rel=1e-12)
+
+
+@pytest.mark.parametrize("how", SHEARED, ids=str)
+def test_a_perfectly_rough_gas_between_walls_that_run_gains_their_work(how):
+    belts = [Piston("top", surface_velocity=2.0), Piston("bottom", 0.5, 2.0, surface_velocity=-2.0)]
+    rough = {"wall_friction": np.inf, "friction": np.inf, "tangential_restitution": 1.0}
+    box = {"count": 40, "width": 12, "height": 9, "radius": 0.3, "boundary": ("periodic", "walls"), "seed": 5}
+    scene = Scene.random(piston=belts, **box, **rough)
+    energies = []
+    with simulate(scene, **{"dt": 1 / 128, **how}) as sim:
+        for _ in range(2):
+            sim.run(until=sim.time + 2.0)
+            energies.append(mpsim.measure.kinetic_energy(sim.state, scene) - sum(sim.work.values()))
+        assert min(sim.work["top"], sim.work["bottom"]) > 1
+    assert energies == pytest.approx([40.0, 40.0], rel=1e-9)
+
+
 # --- edges that absorb: times and places of leaving in closed form
 
 EDGES = ("left", "right", "bottom", "top")

@@ -246,6 +246,10 @@ SCENES: dict[str, Pinned] = {
     "piston right": _piston("right", -1.0, 6.0, 7.75),
     "piston bottom": _piston("bottom", 0.25, 1.0),
     "piston top": _piston("top", -1.5, 5.5),
+    "walls that run": Pinned(
+        {"piston": [Piston("bottom", 0.25, 1.0, surface_velocity=2.0), Piston("left", surface_velocity=-1.5)], **ROUGH},
+        acts=_spun,
+    ),
     "emitter under gravity": Pinned({"width": 11.0, "emitters": BY_TIME, "gravity": (0.375, -2.0)}, acts=_entered(3)),
     "obstacles, periodic": Pinned(
         {"boundary": "periodic", "obstacles": [FUNNEL, FixedDisc((8.0, 3.0), 0.25)], "radius": SIZES, "mass": MASSES},

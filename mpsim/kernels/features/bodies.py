@@ -474,6 +474,7 @@ def moving_wall_in(precision: DTypeLike) -> np.dtype[Any]:
             ("low", np.float64),  # least and largest coordinate that it ever has [length]
             ("high", np.float64),
             ("margin", np.float64),  # from the wall to the limit of centres, along its axis [length]
+            ("running", precision),  # at which it runs past the discs, along the other axis [length/time]
             ("limit", precision),  # of centres while contacts are resolved; `parameters` has that of the next step
             # In the next step; under contact `impact` at its end, where the acceleration is not 0.
             ("velocity", precision),

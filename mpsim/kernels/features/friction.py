@@ -12,7 +12,7 @@ with m_eff = m m' / (m + m') of two discs, m of a disc and a wall. Angular momen
 from mpsim.kernels.compiling import inlined, linked, value_or
 from mpsim.kernels.features.edges import put_inside, wrap_disc
 from mpsim.kernels.features.properties import accelerations_of, mass_fraction
-from mpsim.kernels.records import IMPACT, real
+from mpsim.kernels.records import BOTTOM, IMPACT, LEFT, RIGHT, TOP, real
 
 # The elements of `friction` and `wall_friction`.
 COEFFICIENT = 0  # mu [1]
@@ -47,6 +47,14 @@ def between_discs(friction, discs, i, j, nx, ny, normal_change, features, parame
             spin[other] += two * change_j / radius_j
             return change_i * value_or(features.mass, disc, one)
     return discs.vx.dtype.type(0)
+
+
+@inlined
+def running_of(moving_wall, edge, zero):
+    """Velocity at which the wall at an edge (LEFT, ...) runs past the discs, along y or along x [length/time]."""
+    if moving_wall is None:
+        return zero
+    return moving_wall.wall[edge].running
 
 
 @inlined
@@ -88,8 +96,10 @@ def on_walls_met(friction, discs, i, x, y, in_flight, features, parameters, cont
     if control.contact != IMPACT:
         time_x, time_y = zero, zero
     met_x, met_y = max(x.low_change, x.high_change), max(y.low_change, y.high_change)
-    sliding_x = -side_x * on_surface(friction, discs, i, side_x, zero, met_x, time_x, zero, features, parameters)
-    sliding_y = side_y * on_surface(friction, discs, i, zero, side_y, met_y, time_y, zero, features, parameters)
+    along_x = side_x * running_of(features.moving_wall, LEFT if x.low_change > zero else RIGHT, zero)
+    along_y = -side_y * running_of(features.moving_wall, BOTTOM if y.low_change > zero else TOP, zero)
+    sliding_x = -side_x * on_surface(friction, discs, i, side_x, zero, met_x, time_x, along_x, features, parameters)
+    sliding_y = side_y * on_surface(friction, discs, i, zero, side_y, met_y, time_y, along_y, features, parameters)
     put_inside(discs, i, discs.x[i], discs.y[i], features, parameters)
     if in_flight is not None:
         wrap_disc(discs, i, features)

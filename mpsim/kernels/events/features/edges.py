@@ -127,4 +127,5 @@ def surface(moving_wall, i, side, now, store, box, features):
     speed = inward * velocity_of_wall(wall, moving_wall.knots, present)
     ahead = inward * (store.disc[i].position[axis] - place_of_wall(wall, moving_wall.knots, present))
     depth = radius_of(i, box, features) - ahead
-    return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, 0.0, edge
+    along = (inward if axis == 0 else -inward) * wall.running
+    return True, (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0), depth, speed, along, edge

@@ -15,6 +15,7 @@ from mpsim.kernels.events.features import bodies, capsules, edges, laws, propert
 from mpsim.kernels.events.features.properties import mass_of, radius_of
 from mpsim.kernels.events.records import MOVING_WALL, counts, mixed, mixed_real
 from mpsim.kernels.features.collisions import DISC, FIRST_OBSTACLE, OBSTACLE, WALL, add_work, write
+from mpsim.kernels.features.friction import running_of
 
 COLUMNS = ("radius", "mass", "spin", "image", "exits")
 """Fields of `Features` that are arrays with a row for each disc, in the order of the discs in memory."""
@@ -121,8 +122,13 @@ def on_wall(i, axis, inward, normal_change, sliding, store, box, features):
 
     sliding: change along the wall so far.
     """
-    sliding += laws.on_wall(features.wall_friction, i, axis, inward, normal_change, store, box, features)
     edge, nx, ny = 2 * axis + (inward < 0.0), (inward if axis == 0 else 0.0), (inward if axis == 1 else 0.0)
+    running = running_of(features.moving_wall, edge, 0.0)
+    rubbed = laws.on_wall(features.wall_friction, i, axis, inward, normal_change, running, store, box, features)
+    if features.moving_wall is not None:  # noqa: SIM102 - see compiling.py
+        if running != 0.0 and counts(store.region) != 0:
+            add_work(features.work, edge, i, rubbed * running, features.mass)
+    sliding += rubbed
     sliding *= inward if axis == 0 else -inward
     log_fixed(features.log, WALL, i, edge, nx, ny, normal_change, sliding, store, box, features)
 

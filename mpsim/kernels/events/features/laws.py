@@ -71,16 +71,16 @@ def on_surface(wall_friction, i, nx, ny, normal_change, running, store, box, fea
 
 
 @inlined
-def on_wall(wall_friction, i, axis, inward, normal_change, store, box, features):
+def on_wall(wall_friction, i, axis, inward, normal_change, running, store, box, features):
     """Friction of disc i on a wall at right angles to an axis, which has changed its velocity inward by so much.
 
-    Returns the change of its velocity along the wall.
+    running: velocity of the wall along itself. Returns the change of the disc's velocity along it.
     """
     if wall_friction is not None:
         velocity, spin, radius = store.disc[i].velocity, features.spin, radius_of(i, box, features)
         along = 1 - axis
         sign = inward if axis == 0 else -inward  # of the tangent, the inward normal rotated to the left
-        slip = sign * velocity[along] - radius * spin[i]
+        slip = sign * (velocity[along] - running) - radius * spin[i]
         impulse = tangential_impulse(wall_friction, slip, 1.0, max(normal_change, 0.0))
         velocity[along] += sign * impulse
         spin[i] -= 2.0 * impulse / radius
