@@ -394,13 +394,13 @@ _REFUSALS: tuple[tuple[Callable[[Scene], bool], tuple[str, ...], str, str], ...]
         "discs as high as the box, which have no room to move along y",
         "Use 'pressure_xx', along which they have.",
     ),
-    *((of.is_in, each.measures, each.what, each.remedy) for of in FEATURES for each in of.invalidates),
     (
         lambda scene: any(wall.speed for wall in scene._moving_walls),
         ("pressure", "virial", "energy_drift"),
         "moving walls (a piston), which do work and change the box",
         "Run until the piston rests, and measure in a scene without it, made of sim.state, in a box of that size.",
     ),
+    *((of.is_in, each.measures, each.what, each.remedy) for of in FEATURES for each in of.invalidates),
     (
         lambda scene: any(each.works(scene) for each in scene._features if not each.heats),
         ("energy_drift",),
