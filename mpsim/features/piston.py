@@ -18,7 +18,7 @@ from mpsim.core import checks
 from mpsim.core.checks import Floats
 from mpsim.errors import InputError
 from mpsim.features.edges import EDGES, MovingWall, demand_wall
-from mpsim.features.feature import AddedDiscs, Continuation, Feature
+from mpsim.features.feature import AddedDiscs, Continuation, Feature, chosen
 from mpsim.features.motions import MOTIONS, Movement, Rotation, Translation, check_kind
 from mpsim.features.properties import densest_packing, has_radii
 from mpsim.kernels.features.bodies import MOTION, moving_wall_in, pose_at
@@ -104,11 +104,7 @@ class Piston:
             )
 
     def __repr__(self) -> str:
-        given = {name: each for name, each in vars(self).items() if each is not None and (name, each) != _AT_REST}
-        return f"Piston({', '.join(f'{name}={each!r}' for name, each in given.items())})"
-
-
-_AT_REST = ("surface_velocity", 0.0)
+        return f"Piston({', '.join(f'{name}={each!r}' for name, each in chosen(self).items())})"
 
 
 def check_piston(piston: Any, scene: Scene) -> Piston | tuple[Piston, ...] | None:

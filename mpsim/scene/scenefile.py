@@ -100,7 +100,7 @@ def keys_of(table: str) -> list[str]:
     """The keys of all kinds of a table, such as "piston".
 
     >>> keys_of("piston")
-    ['wall', 'speed', 'stop', 'start', 'motion']
+    ['wall', 'speed', 'stop', 'start', 'motion', 'surface_velocity']
     """
     if (part := PARTS.get(table)) is None:
         return KEYS.get(table, [])
@@ -915,7 +915,7 @@ def save(
             value, name = feature.of(scene), feature.argument
             each_of = [(name, value)] if not isinstance(value, tuple) else [(f"[{name}]", each) for each in value]
             for head, each in each_of:
-                lines += [f"[{head}]", *pairs(vars(each)), ""]
+                lines += [f"[{head}]", *pairs(chosen(each)), ""]
     length = sum(len(line) + 1 for line in lines)
     if length > MOST_BYTES or tables > MOST_TABLES:
         raise OutputError(

@@ -339,7 +339,7 @@ def test_all_problems_are_told_at_once_each_by_its_key(problems):
         "discs[2] must have either position or places; got neither.",
         "emitters[0].every must be a whole number from 1 to 1000000000000; got 0. One disc every `every` frames.",
         "piston.colour must be a key of a scene file; this one is unknown, with the value 'red'. "
-        "Keys there: wall, speed, stop, start, motion.",
+        "Keys there: wall, speed, stop, start, motion, surface_velocity.",
     ):
         assert whole in found
     for near in ("title", "width", "rate", "temperature", "points", "limit", "workers"):

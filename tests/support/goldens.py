@@ -365,7 +365,9 @@ def ran(name: str, **how: Any) -> Ran | str:
     """A run of a scene, or why it is refused."""
     if how["method"] == "event":  # which alone refuses any of these scenes
         try:
-            SCENES[name].start(**how).close()
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)
+                SCENES[name].start(**how).close()
         except mpsim.InputError as error:
             return f"refused: {error}"
     return SCENES[name].run(**how)
