@@ -258,6 +258,33 @@ def test_the_scale_of_speeds_is_that_of_all_pictures(tmp_path):
     assert {tuple(each) for each in last.reshape(-1, 3)} - colours, "the fast disc has another colour"
 
 
+def place_of_wall(image):
+    """The x of what is between two walls at 1 and 7, and the middles of these in pixels."""
+    dark = np.flatnonzero((np.abs(image - 0x44).max(axis=2) < 12).sum(axis=0) > len(image) / 4)
+    left, middle, right = (each.mean() for each in np.split(dark, np.flatnonzero(np.diff(dark) > 1) + 1))
+    return 1 + 6 * (middle - left) / (right - left), (left, right)
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_pictures_show_a_wall_where_it_is_at_their_time(moving, tmp_path):
+    motion = mpsim.Translation((1.5, 0), stop=3.0, start=0.5) if moving else None
+    walls = [mpsim.Polyline([(x, 0.5), (x, 7.5)], 0.4, motion=motion if x == 2 else None) for x in (1, 2, 7)]
+    scene = mpsim.Scene(width=8, height=8, position=[(6, 4)], velocity=[(0, 1)], radius=0.2, obstacles=walls)
+    figures, times = [], [0.0, 1.5, 3.0]
+    with mpsim.Simulation(scene, GRID) as sim, mpsim.Trajectory.write(tmp_path / "a.xyz", every=150) as frames:
+        for time in times:
+            sim.run(until=time, observe=frames)
+            figures.append(mpsim.draw(sim, colour=None))
+    figures += [mpsim.draw(each, scene, colour=None) for each in mpsim.Trajectory(tmp_path / "a.xyz")]
+    for number, figure in enumerate(figures):
+        figure.savefig(tmp_path / f"{number}.png")
+    film = mpsim.animate(scene, GRID, tmp_path / "a.gif", 3, every=150, colour=None, pixels=400, progress=False)
+    images = [frames_of(tmp_path / f"{number}.png")[0] for number in range(6)] + frames_of(film)
+    found, fixed = zip(*map(place_of_wall, images), strict=True)
+    assert found == pytest.approx([2 + (min(max(t - 0.5, 0) * 1.5, 3) if moving else 0) for t in times] * 3, abs=0.04)
+    assert np.ptp(np.reshape(fixed, (3, 3, 2)), axis=1).max() < 0.5, "what is fixed does not move"
+
+
 def test_a_dark_picture_is_dark_and_its_words_are_light(tmp_path):
     for theme, dark in (("light", False), ("dark", True)):
         (frame,) = frames_of(mpsim.animate(PAIR, GRID, tmp_path / "a.gif", 1, theme=theme, **SMALL))

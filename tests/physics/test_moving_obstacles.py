@@ -232,6 +232,27 @@ def test_a_circular_billiard_keeps_angular_momentum_over_a_hundred_thousand_refl
     assert angular_momentum(state) == pytest.approx(3.2 + 0.8, rel=1e-12)
 
 
+@pytest.mark.long
+def test_a_gas_in_a_drum_at_rest_keeps_energy_and_angular_momentum_over_a_million_collisions():
+    """The control: a drum that shakes."""
+    for motion in (None, Oscillation((0.5, 0), period=2.0)):
+        ring = Circle((21, 21), 20, inside=True, motion=motion)
+        box = {"width": 42, "height": 42, "inside": Circle((21, 21), 19, inside=True)}
+        scene = mpsim.Scene.random(count=1000, radius=0.3, seed=1, obstacles=ring, **box)
+        with mpsim.Simulation(scene, mpsim.Settings(dt=1.0, method="event")) as sim:
+            collisions = 0
+            while collisions < (1_000_000 if motion is None else 10_000):
+                collisions += sim.run(frames=5).collisions
+            state = sim.state
+        energy, turning = [], []
+        for each in (scene, state):
+            energy.append((each.velocity**2).sum())
+            turning.append(((each.position - 21) * each.velocity[:, ::-1] @ (1, -1)).sum())
+        assert (abs(energy[1] / energy[0] - 1) < 1e-12) == (motion is None), energy
+        assert (abs(turning[1] - turning[0]) < 1e-9 * np.sqrt(energy[0])) == (motion is None), turning
+        assert np.hypot(*(state.position - 21).T).max() < 20.2
+
+
 def test_a_container_that_turns_about_its_own_centre_is_a_belt():
     rough = {"wall_friction": 0.5, "gravity": (0, -1)}
     for contact in ("impact", "event"):
