@@ -23,7 +23,7 @@ GRAINS = {"radius": 0.5, "restitution": 0.5, "wall_restitution": 0.5, "gravity":
 SCENES = sorted(path.stem for path in (Path(mpsim.__file__).parent / "scene" / "named").glob("*.toml"))
 RESTING = {
     "brazil-nut": 0.003,
-    "drum": 0.004,
+    "drum": 0.003,
     "galton": 0.004,
     "hopper": 0.003,
     "rough-hopper": 0.003,
