@@ -12,6 +12,7 @@ import time
 import numpy as np
 import pytest
 from support.internals import write
+from support.processes import in_another_thread
 from support.scenes import gas, simulate, zoo
 from support.selection import FORKS, long_but
 
@@ -19,8 +20,7 @@ import mpsim
 
 pytestmark = [pytest.mark.compiled, FORKS]
 
-EVERY = 250
-"""Frames between two of the things that come between."""
+EVERY = 250  # frames between two of the things that come between
 
 
 def interrupted(sim, rng):
@@ -31,12 +31,6 @@ def interrupted(sim, rng):
         for _ in range(EVERY // 2):
             sim.run(frames=1)
         time.sleep(10)
-
-
-def used_by_a_thread(sim, rng):
-    thread = threading.Thread(target=sim.run, args=(2,))
-    thread.start()
-    thread.join()
 
 
 def used_by_a_fork(sim, rng):
@@ -53,7 +47,7 @@ BETWEEN = {
     "set": lambda sim, rng: sim.set(rng.randrange(100), velocity=(rng.uniform(-1, 1), rng.uniform(-1, 1))),
     "an observer": lambda sim, rng: sim.run(frames=3, observe=mpsim.Collisions()),
     "a dead worker": lambda sim, rng: [os.kill(pid, signal.SIGKILL) for pid in sim.pids],
-    "Ctrl-C": interrupted, "a thread": used_by_a_thread, "a fork": used_by_a_fork,
+    "Ctrl-C": interrupted, "a thread": lambda sim, rng: in_another_thread(lambda: sim.run(2)), "a fork": used_by_a_fork,
 }  # fmt: skip
 
 

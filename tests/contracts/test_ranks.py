@@ -38,11 +38,8 @@ def test_any_number_of_ranks_finds_it_in_other_scenes(name):
 
 
 WRONG = """
-import json, sys
-import numpy as np
-from mpi4py import MPI
 from mpsim.engine.solvers.ranks.subdomain import Subdomain
-from support.ranks import found
+from support.ranks import found, report
 
 right, before = Subdomain.column_at, {{}}
 
@@ -51,9 +48,7 @@ def wrong(part, border):
     return {wrong}
 
 Subdomain.column_at = wrong
-told = found("bare", method="mpi")
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(told))
+report(found("bare", method="mpi"))
 """
 LATE = "[before.get('it', sent), before.update(it=sent)][0]"
 
@@ -127,16 +122,11 @@ def test_the_program_of_the_page_stops_and_goes_on(tmp_path):
 
 
 GROWING = """
-import json, sys
-import mpsim
-from mpi4py import MPI
 from mpsim.engine.solvers.ranks import subdomain
-from support.ranks import found
+from support.ranks import found, report
 
 subdomain.SPARE, subdomain.FEWEST = 1.0, 4
-told = found("corner", method="mpi")
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(told))
+report(found("corner", method="mpi"))
 """
 
 
@@ -146,8 +136,7 @@ def test_ranks_make_room_in_the_middle_of_a_step():
 
 
 BALANCED = """
-import json, sys
-import mpsim
+import sys, mpsim
 from mpi4py import MPI
 from mpsim.engine.solvers.ranks import solver
 from support import ranks
@@ -166,8 +155,7 @@ solver.MpiRanks.agree = noted
 with mpsim.Simulation(scene, mpsim.Settings(**case.settings, method=method)) as sim:
     sim.run(frames=case.frames * finer)
     digest = sim.digest()
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps([max(most) * MPI.COMM_WORLD.size / scene.count, digest]))
+ranks.report([max(most) * MPI.COMM_WORLD.size / scene.count, digest])
 """
 
 
@@ -189,9 +177,8 @@ def test_ranks_share_a_crowd_evenly_in_every_step_and_with_the_same_bits(name, n
 
 
 SESSION = """
-import json, sys, warnings
-import mpsim
-from mpi4py import MPI
+import warnings, mpsim
+from support.ranks import report
 from support.sessions import play, stage
 
 warnings.simplefilter("ignore")
@@ -204,9 +191,7 @@ def played(**settings):
             replayed = again.digest()
         return [sim.digest(), sim.count, sim.time, int(sim.state.present.sum()), len(journal), replayed]
 
-told = [played(method="mpi"), played(method="grid")]
-if MPI.COMM_WORLD.rank == 0:
-    print(json.dumps(told))
+report([played(method="mpi"), played(method="grid")])
 """
 
 
@@ -218,8 +203,9 @@ def test_a_session_with_every_change_has_the_bits_of_one_process():
 
 
 CORRELATIONS = """
-import json, sys, mpsim
+import sys, mpsim
 from mpi4py import MPI
+from support.ranks import report
 from support.scenes import gas
 
 folder, comm = sys.argv[1], MPI.COMM_WORLD
@@ -227,9 +213,7 @@ scene = gas(60, 0.3, seed=2, boundary="periodic")
 found = mpsim.Correlations(every=2, wave_numbers=[1.0], path=f"{folder}/c.npz")
 with mpsim.Simulation(scene, mpsim.Settings(dt=0.05, method="mpi", contact="push"), comm=comm) as sim:
     sim.run(frames=40, observe=found, checkpoint=f"{folder}/run")
-told = comm.gather([function.value.tolist() for function in (found.msd, found.velocity, found.scattering(1.0))])
-if comm.rank == 0:
-    print(json.dumps(told))
+report(comm.gather([function.value.tolist() for function in (found.msd, found.velocity, found.scattering(1.0))]))
 """
 
 
@@ -247,9 +231,9 @@ def test_each_rank_has_the_correlations_of_one_process_and_one_of_them_writes_th
 # --- no rank needs all discs: starts, frames, digests, measures, files and ranges take a share
 
 READING = """
-import json, sys, threading, warnings, numpy as np, mpsim
+import sys, threading, warnings, numpy as np, mpsim
 from mpi4py import MPI
-from support.ranks import CASES
+from support.ranks import CASES, report
 
 warnings.simplefilter("ignore")
 case, comm = CASES[sys.argv[1]](), MPI.COMM_WORLD
@@ -301,8 +285,7 @@ with mpsim.Simulation(case.scene, mpsim.Settings(**case.settings, method="mpi"))
 
     sim.run(1, progress=read_elsewhere)
     assert read[0].startswith("BusyError"), read
-if comm.rank == 0:
-    print(json.dumps([all_raised, whole.digest()]))
+report([all_raised, whole.digest()])
 """
 
 
@@ -501,9 +484,8 @@ def test_frames_of_extended_xyz_have_the_same_bytes_on_any_number_of_ranks(numbe
     """Of five parts; the first rank, which writes them, holds the text of one."""
     some = LARGE | {"count": 90_001, "boundary": boundary}
     told, digest = told_by(number, str(tmp_path / "ranks.xyz"), json.dumps(some), script=FRAMES)
-    settings = mpsim.Settings(dt=0.02, method="grid")
     with (
-        mpsim.Simulation(mpsim.Scene.lattice(**some), settings) as sim,
+        mpsim.Simulation(mpsim.Scene.lattice(**some), mpsim.Settings(dt=0.02, method="grid")) as sim,
         mpsim.Trajectory.write(tmp_path / "one.xyz", 2) as out,
     ):
         sim.run(frames=6, observe=out)

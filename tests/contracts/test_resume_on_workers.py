@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from support.checkpoints import in_parts
+from support.checkpoints import assert_goes_on_inside_a_frame, in_parts
 from support.compare import assert_same_bits
 from support.scenes import crowd, gas, lattice, simulate, state_after
 
@@ -26,8 +26,7 @@ def test_a_run_that_is_resumed_on_other_numbers_of_workers_has_the_same_bits(wor
 
 @pytest.mark.parametrize("method", ["parallel", "event", "auto"])
 def test_after_restore_and_in_a_branch_any_number_of_workers_has_the_same_bits(method):
-    scene = lattice(30, 30)
-    with simulate(scene, method=method, workers=2, dt=0.02) as sim:
+    with simulate(lattice(30, 30), method=method, workers=2, dt=0.02) as sim:
         sim.run(frames=5)
         snap, pids = sim.snapshot(), sim.pids
         sim.run(frames=9)
@@ -112,22 +111,6 @@ def test_auto_goes_on_with_the_method_it_had(tmp_path):
 
 
 def test_an_exact_run_that_was_stopped_inside_a_frame_is_resumed_there(tmp_path):
-    def interrupt(done, of):
-        raise KeyboardInterrupt
-
-    scene, names = lattice(9, 9), ["pressure", "collision_rate"]
-    with simulate(scene, method="event", dt=50.0) as sim:
-        whole = sim.run(frames=2, measures=names)
-        expected = sim.state
-    with simulate(scene, method="event", dt=50.0) as sim:
-        with pytest.raises(KeyboardInterrupt):
-            sim.run(frames=2, progress=interrupt)
-        assert sim.frame == 0 < sim.time
-        stopped = sim.time, sim.digest()
-        sim.save(tmp_path / "run")
-    with mpsim.Simulation.resume(tmp_path / "run") as sim:
-        assert (sim.time, sim.digest()) == stopped
-        report = sim.run(frames=2, measures=names)
-        assert_same_bits(sim.state, expected, "stopped inside a frame")
-    for name in names:
-        assert report.measures[name].value == whole.measures[name].value, "what the frame had counted is lost"
+    whole, begun = (simulate(lattice(9, 9), method="event", dt=50.0) for _ in range(2))
+    names = ["pressure", "collision_rate"]
+    assert_goes_on_inside_a_frame(whole, begun, mpsim.Simulation.resume, 0, tmp_path / "run", names)

@@ -1,10 +1,10 @@
 """The exact solver finds the same bits in whatever tiles it plays the box, on any number of workers."""
 
 import functools
-import itertools
 
 import numpy as np
 import pytest
+from support.checkpoints import assert_goes_on_inside_a_frame
 from support.compare import assert_same_bits
 from support.internals import solver_of
 from support.scenes import simulate
@@ -213,29 +213,12 @@ def no_time(monkeypatch):
 
 
 def test_a_run_that_is_saved_inside_a_frame_goes_on_there(tmp_path, no_time):
-    """A frame far longer than a command is left by Ctrl-C, and goes on elsewhere."""
-    calls = itertools.count()
+    def resume(path):
+        with always_tiled(3, 1):
+            return mpsim.Simulation.resume(path, workers=3)
 
-    def interrupt(done, of):
-        if next(calls) == 25:
-            raise KeyboardInterrupt
-
-    scene, dt = scene_of("walls"), 30.0
-    with on_tiles(scene, (1, 1), dt=dt) as sim:
-        report = sim.run(frames=2, measures=NAMES)
-        expected = sim.state
-    with on_tiles(scene, (2, 2), 2, dt=dt) as sim:
-        with pytest.raises(KeyboardInterrupt):
-            sim.run(frames=2, progress=interrupt)
-        assert sim.frame == 0 < sim.time
-        stopped = sim.time, sim.digest()
-        sim.save(tmp_path / "run")
-    with always_tiled(3, 1), mpsim.Simulation.resume(tmp_path / "run", workers=3) as sim:
-        assert (sim.time, sim.digest()) == stopped
-        found = sim.run(frames=2, measures=NAMES)
-        assert_same_bits(sim.state, expected, "from inside a frame, on 3")
-    for name in NAMES:
-        assert found.measures[name].value == report.measures[name].value, "what the frame had counted is lost"
+    whole, begun = (on_tiles(scene_of("walls"), *how, dt=30.0) for how in (((1, 1),), ((2, 2), 2)))
+    assert_goes_on_inside_a_frame(whole, begun, resume, 25, tmp_path / "run", NAMES)
 
 
 def plan_of(sim):

@@ -15,29 +15,12 @@ from mpsim.core.machine import usable_cores
 
 pytestmark = pytest.mark.compiled
 
-COUNT, PACKING, FRAMES = 4000, 0.7, 40
 MANY = 20_000
 SETTINGS = {"dt": 0.02}
 
 
-def dense(count=COUNT):
-    return gas(count, PACKING, seed=1)
-
-
-@pytest.fixture(scope="module")
-def expected():
-    """State of the dense scene by `grid`."""
-    return state_after(dense(), FRAMES, method="grid", **SETTINGS)
-
-
-@FORKS
-@pytest.mark.parametrize(("workers", "start_method"), [(1, "forkserver"), (3, "fork")])
-def test_any_number_of_workers_has_the_bits_of_grid_however_they_start(workers, start_method, expected):
-    how = {"method": "parallel", "workers": workers, "start_method": start_method, **SETTINGS}
-    with simulate(dense(), **how) as sim:
-        report = sim.run(frames=FRAMES)
-        assert_same_bits(sim.state, expected, f"{workers} workers by {start_method}")
-    assert report.collisions > 2000, f"{report.collisions} contacts keep no worker busy"
+def dense(count):
+    return gas(count, 0.7, seed=1)
 
 
 def test_two_simulations_at_the_same_time_do_not_disturb_each_other():
@@ -58,14 +41,16 @@ def rows(count):
 AT_ONE_POINT = mpsim.Scene(width=30, height=30, position=rows(9), velocity=np.zeros((180, 2)), radius=0.5)
 
 
+@FORKS
 @pytest.mark.parametrize(
     ("scene", "settings"),
     [
         (lambda: gas(600, 0.05, seed=1), {"law": "reflect", "dt": 0.02}),
         (lambda: gas(2000, 0.6, seed=5), {"contact": "impact", "passes": 2}),
+        (lambda: dense(4000), {**SETTINGS, "start_method": "fork"}),
         (lambda: AT_ONE_POINT, {"contact": "push"}),
     ],
-    ids=["thin, reflect", "two passes", "at one point"],
+    ids=["thin, reflect", "two passes", "dense, by fork", "at one point"],
 )
 def test_parallel_is_grid(scene, settings):
     scene, settings = scene(), {"dt": 0.03, **settings}
@@ -152,7 +137,6 @@ def test_every_feature_has_the_bits_of_grid_on_all_cores_of_the_machine(name):
 
 # --- in pieces, watched, or grown on the way: the bits of the run in one piece
 
-METHODS = [("naive", 1), ("grid", 1), ("parallel", 3)]
 CROWD, OF_CROWD = 400, 24
 
 
@@ -163,7 +147,7 @@ def overwrite(values):
     owner[:] = 0
 
 
-@pytest.mark.parametrize(("method", "workers"), METHODS)
+@pytest.mark.parametrize(("method", "workers"), [("naive", 1), ("grid", 1), ("parallel", 3)])
 def test_a_run_in_pieces_that_is_looked_at_has_the_bits_of_one_run(method, workers):
     settings = {"method": method, "workers": workers, "dt": 0.02, "substeps": 2}
     expected = state_after(crowd(CROWD, 0.8, seed=1), OF_CROWD, **settings)

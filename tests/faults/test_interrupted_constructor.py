@@ -12,7 +12,7 @@ import sys
 import threading
 
 import pytest
-from support.processes import blocks_of
+from support.processes import blocks_of, in_another_thread
 from support.scenes import lattice, simulate
 from support.selection import long_but
 
@@ -21,8 +21,7 @@ import mpsim
 pytestmark = [pytest.mark.compiled, pytest.mark.timeout(3000)]
 
 METHODS = ["naive", "grid", "parallel", "event"]
-SAMPLES = {"naive": 20, "grid": 60, "event": 30, "parallel": 12}
-"""Moments that are tried, spread evenly."""
+SAMPLES = {"naive": 20, "grid": 60, "event": 30, "parallel": 12}  # moments that are tried, spread evenly
 
 MOST = {"naive": 3000, "grid": 3000, "event": 3000, "parallel": 200}
 """Moments that --long tries, spread evenly, too: of parallel, whose workers take a while to start, as time allows."""
@@ -32,8 +31,7 @@ class Alarm(Exception):  # noqa: N818
     """A limit of time of a user's program."""
 
 
-SENDERS = {}
-"""How to send a signal; this thread gets the others."""
+SENDERS = {}  # how to send a signal; this thread gets the others
 
 SIGNALS = {"Ctrl-C": (signal.SIGINT, KeyboardInterrupt), "alarm": (signal.SIGALRM, Alarm)}
 LEAVE = contextlib._GeneratorContextManager.__exit__.__code__
@@ -266,20 +264,13 @@ def test_an_alarm_at_any_line_of_a_change_leaves_nothing_but_a_whole_state(metho
 @pytest.mark.parametrize("method", long_but(METHODS, "grid"))
 def test_ctrl_c_at_any_line_of_a_run_lets_the_simulation_go(method, request):
     """Whoever comes next can use it: another thread, too."""
-
-    def in_another_thread():
-        found.append(sim.run(frames=1).frames)
-
-    found = []
     with simulate(lattice(9, 9), method=method, workers=2) as sim:
         moments = moments_of(lambda: sim.run(frames=1))
         for number in tried(moments, 60, MOST[method], request):
             with contextlib.suppress(KeyboardInterrupt), Press(number):
                 sim.run(frames=1)
-            thread = threading.Thread(target=in_another_thread)
-            thread.start()
-            thread.join(100)
-            assert found.pop() == 1, f"Ctrl-C at moment {number} of {moments}"
+            done = in_another_thread(lambda: sim.run(frames=1).frames)
+            assert done == 1, f"Ctrl-C at moment {number} of {moments}"
 
 
 @pytest.mark.parametrize("what", [KeyboardInterrupt, TimeoutError, MemoryError])

@@ -12,8 +12,7 @@ import mpsim
 
 pytestmark = [pytest.mark.slow]
 
-BOUND = 60
-"""Seconds within which a job has ended, on a busy machine too; without an end it would run for hours."""
+BOUND = 60  # seconds within which a job has ended, on a busy machine too; without an end it would run for hours
 
 LONG = """
 import os, signal, mpsim
@@ -76,8 +75,9 @@ def test_a_rank_that_is_told_to_end_leaves_a_checkpoint_with_which_one_process_g
 
 
 ERRORS = """
-import json, sys, numpy as np, mpsim
+import numpy as np, mpsim
 from mpi4py import MPI
+from support.ranks import report
 from support.scenes import gas, split
 
 world, start = MPI.COMM_WORLD, gas(200, 0.2)
@@ -141,9 +141,7 @@ for name, act in acts.items():
         told[name] = [type(error).__name__, str(error)]
     except Exception as error:
         told[name] = ["?" + type(error).__name__, str(error)]
-each = world.allgather(told)
-if world.rank == 0:
-    print(json.dumps(each))
+report(world.allgather(told))
 """
 
 WORDS = {
@@ -205,8 +203,7 @@ INTERRUPTED = """
 
 
 def test_ctrl_c_on_one_rank_comes_to_all_at_one_frame_and_the_simulation_goes_on(tmp_path):
-    script = SIGNALLED.format(signal="SIGINT") + INTERRUPTED
-    done = on_ranks(2, str(tmp_path / "run"), script=script, bound=BOUND)
+    done = on_ranks(2, str(tmp_path / "run"), script=SIGNALLED.format(signal="SIGINT") + INTERRUPTED, bound=BOUND)
     assert done.code == 0, done.err
     (one, other, *digests) = done.out.splitlines()
     assert one == other
@@ -219,14 +216,13 @@ def test_ctrl_c_on_one_rank_comes_to_all_at_one_frame_and_the_simulation_goes_on
 
 # --- files
 
-LATTICE = {"count": 140_000, "packing": 0.4, "radius": 0.5, "seed": 3}
-"""Of three chunks."""
+LATTICE = {"count": 140_000, "packing": 0.4, "radius": 0.5, "seed": 3}  # of three chunks
 
 HEAD = """
 import contextlib, errno, hashlib, json, os, resource, signal, sys, time, mpsim
 from pathlib import Path
 from mpi4py import MPI
-from support.ranks import tell
+from support.ranks import report, tell
 
 comm, path, lattice, cases = MPI.COMM_WORLD, Path(sys.argv[1]), json.loads(sys.argv[2]), sys.argv[3:]
 scene, settings = mpsim.Scene.lattice(**lattice), mpsim.Settings(dt=0.02, method="mpi", precision="float32")
@@ -271,8 +267,7 @@ with mpsim.Simulation(scene, settings) as sim:
         left = sorted(each.name for each in path.parent.iterdir())
         told[case] = comm.gather(outcome), digest, content, left
         comm.barrier()
-if comm.rank == 0:
-    print(json.dumps(told))
+report(told)
 """
 )
 

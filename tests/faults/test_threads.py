@@ -11,7 +11,7 @@ from functools import cache
 
 import pytest
 from support.compare import overlapping_pairs
-from support.processes import blocks_of
+from support.processes import blocks_of, in_another_thread
 from support.scenes import ALONE, digest_after, lattice, simulate
 from support.selection import FORKS, long_but
 
@@ -20,8 +20,7 @@ import mpsim
 pytestmark = [pytest.mark.compiled, FORKS]
 
 METHODS = list(ALONE)
-PATIENCE = 100
-"""Seconds after which a thread counts as hung, on a busy machine."""
+PATIENCE = 100  # seconds after which a thread counts as hung, on a busy machine
 
 
 def begin(scene, method, **settings):
@@ -163,9 +162,7 @@ def test_garbage_that_another_thread_collects_is_closed_there():
     circle[0].run(frames=2)
     assert blocks_of(os.getpid())
     del circle
-    thread = threading.Thread(target=gc.collect)
-    thread.start()
-    thread.join(PATIENCE)
+    in_another_thread(gc.collect, PATIENCE)
     assert blocks_of(os.getpid()) == set()
 
 
@@ -195,9 +192,7 @@ def test_what_callbacks_may_do_and_what_they_may_not(method, tmp_path):
 
     def wait_for_a_reader(done, of):
         """In a callback a run is between two slices: the other thread must not wait for it."""
-        thread = threading.Thread(target=lambda: read.append(sim.frame))
-        thread.start()
-        thread.join(PATIENCE)
+        read.append(in_another_thread(lambda: sim.frame, PATIENCE))
 
     read = []
     with begin(scene, method) as sim:
@@ -231,16 +226,12 @@ def test_whatever_a_callback_raises_the_next_thread_can_continue(error):
     def fail(*_):
         raise error
 
-    found = []
     with begin(lattice(9, 9), "grid") as sim:
         for given in ({"observe": Observing(fail)}, {"progress": fail}):
             with pytest.raises(error):
                 sim.run(frames=50, **given)
             frame = sim.frame
-            thread = threading.Thread(target=lambda: found.append(sim.run(frames=2).frames))
-            thread.start()
-            thread.join(PATIENCE)
-            assert found.pop() == 2
+            assert in_another_thread(lambda: sim.run(frames=2).frames, PATIENCE) == 2
             assert sim.digest() == digest_after(lattice(9, 9), frame + 2, method="grid")
 
 

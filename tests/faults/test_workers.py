@@ -12,9 +12,9 @@ from contextlib import contextmanager, suppress
 
 import psutil
 import pytest
-from support.compare import assert_same_bits
+from support.compare import assert_same_bits, values
 from support.internals import peek
-from support.processes import Script, assert_nothing_left_of, blocks_of, is_gone, wait_until
+from support.processes import Script, assert_nothing_left_of, blocks_of, in_another_thread, is_gone, wait_until
 from support.scenes import gas, lattice, split
 from support.selection import FORKS, long_but
 from support.tiles import always_tiled, first_free_place, on_tiles
@@ -23,12 +23,10 @@ import mpsim
 
 pytestmark = [pytest.mark.compiled, FORKS]
 
-NOTICED_WITHIN = 1.0
-"""Seconds between a death and the exception that reports it."""
+NOTICED_WITHIN = 1.0  # seconds between a death and the exception that reports it
 
 ROOMY = lattice(9, 9, pitch=4.0)
-MORE = lattice(8, 8, pitch=4.0).position + 2.0
-"""Places between them."""
+MORE = lattice(8, 8, pitch=4.0).position + 2.0  # places between them
 
 
 def begin(scene=None, workers=3, start_method="fork", **settings):
@@ -258,10 +256,6 @@ def stop_and_kill(pids):
 NAMES = ("pressure", "collision_rate", "kinetic_energy")
 
 
-def values(report):
-    return {name: repr(each) for name, each in report.measures.items()}  # in which NaN equals NaN
-
-
 class Hit:
     """An observer that kills a worker at some frames, once at each."""
 
@@ -278,7 +272,7 @@ class Hit:
 
 def test_a_run_that_heals_goes_back_with_all_that_it_writes_in_any_thread(tmp_path):
     """Trajectory, checkpoints, progress, measures and report are those of a run in which nobody dies."""
-    scene, found, steps = gas(60, 0.4), [], []
+    scene, steps = gas(60, 0.4), []
     with mpsim.Simulation(scene, mpsim.Settings(method="grid")) as sim, mpsim.Trajectory.write(tmp_path / "a.xyz") as o:
         measures = values(sim.run(frames=60, observe=o, measures=NAMES, start=0.1))
         expected = sim.digest()
@@ -289,12 +283,9 @@ def test_a_run_that_heals_goes_back_with_all_that_it_writes_in_any_thread(tmp_pa
             progress = lambda done, of: steps.append(done)  # noqa: E731
             kept |= {"measures": NAMES, "start": 0.1, "progress": progress}
             report = sim.run(frames=60, observe=[out, Hit([20, 40])], **kept)
-            found.extend([sim.digest(), sim.frame, values(report), bool((report.frame_seconds > 0).all())])
+            return [sim.digest(), sim.frame, values(report), bool((report.frame_seconds > 0).all())]
 
-    thread = threading.Thread(target=work)
-    thread.start()
-    thread.join(100)
-    assert found == [expected, 60, measures, True]
+    assert in_another_thread(work) == [expected, 60, measures, True]
     assert (tmp_path / "b.xyz").read_bytes() == (tmp_path / "a.xyz").read_bytes()
     assert steps[-1] == 60
     with mpsim.Simulation.resume(tmp_path / "run") as sim:
@@ -373,8 +364,7 @@ class Killer(threading.Thread):
     def run(self):
         while self.deaths < self._most and not self._end.wait(self._pause()):
             try:
-                pids = [pid for pid in self._sim.pids if not is_gone(pid)]
-                if pids:
+                if pids := [pid for pid in self._sim.pids if not is_gone(pid)]:
                     os.kill(random.choice(pids), signal.SIGKILL)
                     self.deaths += 1
             except (ProcessLookupError, TypeError, ValueError, LookupError, mpsim.errors.ClosedError):

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 import mpsim
 from mpsim.core import archive
 from mpsim.engine import checkpoint
+from support.compare import assert_same_bits
 from support.scenes import simulate, zoo
 
 Change = Callable[[dict[str, Any], dict[str, np.ndarray]], None]
@@ -63,6 +65,33 @@ def two(path):
     """Two checkpoints: of frame 2, kept as the one before, and of frame 3."""
     saved(path, frames=2)
     return saved(path, frames=3)
+
+
+def assert_goes_on_inside_a_frame(whole, begun, resume, at, path, names):
+    """A frame far longer than a command is left by Ctrl-C, at a call of `progress`, and goes on where it is resumed.
+
+    whole, begun: simulations of the same; resume: a function of the path. names: of measures, which are those of both.
+    """
+    calls = itertools.count()
+
+    def interrupt(done, of):
+        if next(calls) == at:
+            raise KeyboardInterrupt
+
+    with whole:
+        expected, state = whole.run(frames=2, measures=names).measures, whole.state
+    with begun as sim:
+        with pytest.raises(KeyboardInterrupt):
+            sim.run(frames=2, progress=interrupt)
+        assert sim.frame == 0 < sim.time
+        stopped = sim.time, sim.digest()
+        sim.save(path)
+    with resume(path) as sim:
+        assert (sim.time, sim.digest()) == stopped
+        found = sim.run(frames=2, measures=names).measures
+        assert_same_bits(sim.state, state, "from inside a frame")
+    for name in names:
+        assert found[name].value == expected[name].value, "what the frame had counted is lost"
 
 
 def in_parts(scene, path, parts, *resumed_on, **settings):

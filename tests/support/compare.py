@@ -14,8 +14,7 @@ def assert_same_bits(got: mpsim.State, expected: mpsim.State, note: str) -> None
         assert left.dtype == right.dtype, f"{note}: {field} has {left.dtype}, expected {right.dtype}"
         assert left.shape == right.shape, f"{note}: {field} has shape {left.shape}, expected {right.shape}"
         words = f"u{left.dtype.itemsize}"
-        differ = np.flatnonzero((left.view(words) != right.view(words)).any(axis=1))
-        if len(differ):
+        if len(differ := np.flatnonzero((left.view(words) != right.view(words)).any(axis=1))):
             first = differ[0]
             raise AssertionError(
                 f"{note}: {len(differ)} of {len(left)} discs differ in {field}; the first is disc {first}: "
@@ -25,6 +24,11 @@ def assert_same_bits(got: mpsim.State, expected: mpsim.State, note: str) -> None
     for field in sorted(others):
         left, right = getattr(got, field), getattr(expected, field)
         assert np.array_equal(left, right), f"{note}: {field} is {left}, expected {right}"
+
+
+def values(report: mpsim.Report) -> dict[str, str]:
+    """The measures of a report, with their errors, as texts: in these NaN equals NaN."""
+    return {name: repr(each) for name, each in report.measures.items()}
 
 
 def assert_inside_and_finite(state: mpsim.State, scene: mpsim.Scene, note: str) -> None:

@@ -195,6 +195,16 @@ def is_gone(pid: int) -> bool:
         return True
 
 
+def in_another_thread(act: Callable[[], Any], within: float = 100) -> Any:
+    """What a function returns that another thread calls, which must be done within so many seconds."""
+    found: list[Any] = []
+    thread = threading.Thread(target=lambda: found.append(act()), daemon=True)
+    thread.start()
+    thread.join(within)
+    assert found, "it has failed, or hangs"
+    return found[0]
+
+
 def wait_until(condition: Callable[[], bool], within: float) -> bool:
     """Whether the condition comes true within so many seconds."""
     end = time.monotonic() + within

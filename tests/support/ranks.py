@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import mpsim
-from mpsim.engine.solvers.ranks.messages import MpiRanks, library
+from mpsim.engine.solvers.ranks.messages import library
 from mpsim.measure.registry import NAMES
 from support.processes import Outcome
 from support.scenes import gas, scene_of, zoo
@@ -66,8 +66,7 @@ def fast() -> mpsim.Scene:
     return mpsim.Scene(width=start.width, height=start.height, position=start.position, velocity=velocity, radius=0.5)
 
 
-ALL_MEASURES = tuple(name for name in NAMES if name != "pressure_xy")
-"""Those of a gas between walls."""
+ALL_MEASURES = tuple(name for name in NAMES if name != "pressure_xy")  # those of a gas between walls
 
 CASES = {
     "bare": lambda: Case(gas(700, 0.4, seed=3), {"dt": 0.05}, 60, ALL_MEASURES),
@@ -162,11 +161,15 @@ def tell(*words: Any) -> None:
         print(*each)
 
 
+def report(told: Any) -> None:
+    """Print what the first rank has found, as JSON, for `told_by`. All ranks may call it."""
+    if library().COMM_WORLD.rank == 0:
+        print(json.dumps(told))
+
+
 def main(*names: str) -> None:
     """Run cases on these ranks, and print what the first finds."""
-    told = {name: found(name, method="mpi") for name in names}
-    if MpiRanks().rank == 0:
-        print(json.dumps(told))
+    report({name: found(name, method="mpi") for name in names})
 
 
 if __name__ == "__main__":
