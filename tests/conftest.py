@@ -42,8 +42,7 @@ SLOW_EXAMPLES = {
 }
 """Examples of docstrings that compile several kernels, run for seconds, or import a large package."""
 
-LONGEST_EXIT = 60
-"""Seconds that the interpreter may take to end after the last test."""
+LONGEST_EXIT = 60  # seconds that the interpreter may take to end after the last test
 
 set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "mpsim-hypothesis")
 for name, examples in (("default", 40), ("long", 500)):
@@ -158,8 +157,7 @@ def pytest_collection_modifyitems(config, items):
                 item.add_marker(pytest.mark.skip(reason=why))
 
 
-BEGAN = time.monotonic()
-"""When this process began."""
+BEGAN = time.monotonic()  # when this process began
 
 
 def pytest_runtest_setup(item):
@@ -169,8 +167,7 @@ def pytest_runtest_setup(item):
         pytest.skip(f"no test was begun after {within:g} s")
 
 
-LONG = 1.0
-"""Seconds after which a test has probably compiled something."""
+LONG = 1.0  # seconds after which a test has probably compiled something
 
 
 @pytest.fixture(autouse=True)

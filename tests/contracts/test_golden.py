@@ -89,8 +89,7 @@ def test_every_feature_of_a_scene_and_every_setting_is_pinned():
     settings = {name for pinned in SCENES.values() for name in pinned.settings} | {"method", "contact", "precision"}
     names = {field.name for field in dataclasses.fields(mpsim.Settings)}
     assert names - settings == {"workers"}, "which changes no bit"
-    everything = SCENES["everything rough"].features
-    assert features - everything.keys() == {"width", "thermostat", "thermal_walls"}
+    assert features - SCENES["everything rough"].features.keys() == {"width", "thermostat", "thermal_walls"}
 
 
 def test_no_pin_is_left_over_none_is_missing_and_each_kind_has_its_share(pinned):

@@ -34,8 +34,7 @@ def test_a_free_disc_goes_on_beyond_the_border(method, precision):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_only_periodic_axes_count(method):
-    scene = box_of([[2, 7]], [[-3, 5]], ("periodic", "walls"))
-    state = state_after(scene, 80, method=method, dt=1 / 8)
+    state = state_after(box_of([[2, 7]], [[-3, 5]], ("periodic", "walls")), 80, method=method, dt=1 / 8)
     assert state.image.tolist() == [[-3, 0]]
     assert state.unwrapped[0, 1] == state.position[0, 1]
     with simulate(box_of([[2, 7]], [[-3, 5]], "walls"), method=method) as sim:

@@ -21,8 +21,7 @@ pytestmark = [
 
 NAMES = list(STEPS)
 KINDS = ["kick", "kick", "set", "change", "remove", "add", "change", "change", "change", "remove", "kick"]
-DT, FRAMES = 0.025, 3
-"""Length of a frame, and frames after each change."""
+DT, FRAMES = 0.025, 3  # length of a frame, and frames after each change
 
 ALL = [
     "grid", "event as a whole",

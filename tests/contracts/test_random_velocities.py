@@ -97,8 +97,7 @@ def test_a_disc_leaves_the_wall_at_the_instant_at_which_it_came_there(method):
     assert hit.sum() > COUNT / 2
     assert (vx < 0).all()
     assert np.abs(state.position[hit, 0] - (7.75 + vx * time[hit])).max() < 1e-9
-    moved = state.position[hit, 1] - scene.position[hit, 1]
-    assert np.abs(moved - vy * time[hit]).max() < 1e-9
+    assert np.abs(state.position[hit, 1] - scene.position[hit, 1] - vy * time[hit]).max() < 1e-9
     assert (vx**2).mean() == pytest.approx(2 * 0.25, rel=4 / np.sqrt(hit.sum())), "twice that of a gas: Rayleigh"
     assert (vy**2).mean() == pytest.approx(0.25, rel=4 * np.sqrt(2 / hit.sum()))
     other = state_after(shot(thermal_walls=ThermalWalls(left=0.25, seed=1)), 25, **how)

@@ -119,8 +119,7 @@ def test_whatever_a_checkpoint_forgets_changes_the_bits(words, forget, tmp_path,
 
 # --- on_fast="substep": the same bits however a run is cut, saved, restored or shared out
 
-OF_COOLING = 67
-"""More than four looks, and no multiple of the frames between two."""
+OF_COOLING = 67  # more than four looks, and no multiple of the frames between two
 
 
 def cooling():

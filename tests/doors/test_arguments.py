@@ -36,8 +36,7 @@ ODD = [
 
 
 def needed_by(function):
-    parameters = inspect.signature(function).parameters.values()
-    return [each.name for each in parameters if each.default is each.empty]
+    return [each.name for each in inspect.signature(function).parameters.values() if each.default is each.empty]
 
 
 def is_refused(act):

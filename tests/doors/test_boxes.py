@@ -126,8 +126,7 @@ def test_across_borders_the_sides_of_a_box_are_those_of_its_state():
     scene = mpsim.Scene(width=4, height=4, position=place, velocity=0 * place, radius=0.5, boundary="periodic")
 
     def scaled(scene, factor):
-        box = tuple(factor * side for side in scene.box)
-        return mpsim.State(factor * scene.position, scene.velocity, box=box)
+        return mpsim.State(factor * scene.position, scene.velocity, box=tuple(factor * side for side in scene.box))
 
     assert measure.overlap(scaled(scene, wider), scene).pairs == 0
     assert measure.overlap(scaled(scene, 1 / wider), scene).pairs == 32, "the control: all neighbours"
@@ -177,8 +176,7 @@ def offsets(figure):
 def test_a_picture_shows_the_box_of_its_frame(scene, tmp_path):
     expected, width = offsets(mpsim.draw(frame_of(tmp_path / "a.xyz", scene)))
     assert width == pytest.approx(scene.width)
-    inside = (expected >= 0) & (expected <= [scene.width, scene.height])
-    assert inside.all(axis=1).sum() == scene.count
+    assert ((expected >= 0) & (expected <= [scene.width, scene.height])).all(axis=1).sum() == scene.count
     for how in ({"corner": (100.0, -50.0)}, {"corner": (-5.0, -4.0), "borders": 2}):
         frame = frame_of(tmp_path / "a.xyz", scene, **how)
         alone, with_scene = mpsim.draw(frame), mpsim.draw(frame, scene)
@@ -195,8 +193,7 @@ def test_a_recording_shows_the_box_of_each_frame(tmp_path):
         frame_of(path, SCENE, **how)
         whole += path.read_bytes()
     for first in (0, 1):
-        lines = whole.splitlines(keepends=True)[first * (SCENE.count + 2) :]
-        path.write_bytes(b"".join(lines))
+        path.write_bytes(b"".join(whole.splitlines(keepends=True)[first * (SCENE.count + 2) :]))
         with viewed(mpsim.Trajectory(path), playing=False) as view, Visitor(view.address) as visitor:
             visitor.say("visible", value=True)
             for index in range(3 - first):

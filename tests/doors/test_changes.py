@@ -17,9 +17,7 @@ from mpsim.measure import kinetic_energy
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
 
-NAN = float("nan")
 METHODS = ["naive", "grid", "event"]
-WALL = [(6, 0), (6, 4)]
 
 
 def one_disc(place=(9, 9), velocity=(0, 0), size=(12, 12), **features):
@@ -49,7 +47,7 @@ OF_GAS = {
     ],
     "remove": [({"ids": [3, 9]}, ["disc 9 has been removed"])],
     "add": [
-        ({"position": [1, NAN], "velocity": [0, 0]}, ["position must be finite", "nan"]),
+        ({"position": [1, math.nan], "velocity": [0, 0]}, ["position must be finite", "nan"]),
         ({"position": [[1, 1], [1, 99]], "velocity": [[0, 0], [0, 0]]}, ["position[1] must lie in", "99"]),
         ({"position": [1, 1], "velocity": [0, 0], "spin": 2}, ["only in a scene of rough discs", "got 2. Give"]),
         ({"position": [1, 1], "velocity": [0, 0], "radius": 0.5}, ["radius can be given for added discs only in a"]),
@@ -136,8 +134,7 @@ def test_added_discs_have_one_value_or_one_each_and_right_ones(method):
 
 
 def test_accelerations_are_set_and_added_for_each_disc():
-    scene = one_disc((2, 2), acceleration=[(0.0, 0.0)])
-    with simulate(scene, method="grid", dt=0.5) as sim:
+    with simulate(one_disc((2, 2), acceleration=[(0.0, 0.0)]), method="grid", dt=0.5) as sim:
         sim.set(0, acceleration=(1.0, 0.0))
         sim.add((8, 8), (0, 0), (0.0, -1.0))
         sim.run(frames=1)
@@ -263,7 +260,7 @@ def test_a_wall_is_met_from_both_sides_once_it_stands(method):
     places = [[2, 2], [10, 2], [6, 2]]
     scene = mpsim.Scene(width=12, height=4, position=places, velocity=[[2, 0], [-2, 0], [0, 0]], radius=0.5)
     with simulate(scene, dt=0.0625, contact="impact", method=method) as sim:
-        wall = mpsim.Polyline(WALL, 0.5)
+        wall = mpsim.Polyline([(6, 0), (6, 4)], 0.5)
         with pytest.raises(InputError, match=r"a wall must be clear of all discs; got disc 2 at \(6.0, 2.0\)"):
             sim.add_wall(wall)
         sim.remove(2)
@@ -568,8 +565,7 @@ def test_added_discs_have_ids_and_may_be_refused_where_others_are():
 
 
 def test_the_nearest_disc_and_those_in_a_shape():
-    places = [[2, 2], [6, 2], [11.5, 4], [6, 6]]
-    scene = scene_of(places, width=12, height=8, boundary=("periodic", "walls"))
+    scene = scene_of([[2, 2], [6, 2], [11.5, 4], [6, 6]], width=12, height=8, boundary=("periodic", "walls"))
     with mpsim.Simulation(scene, mpsim.Settings(method="naive")) as sim:
         assert [sim.nearest(*point) for point in ((5, 2.5), (0.2, 4), (6, 7))] == [1, 2, 3]
         assert sim.within((1, 1, 6, 3)).tolist() == [0, 1]

@@ -123,8 +123,7 @@ def test_what_cannot_be_animated_or_written_is_told_before_any_work(tmp_path, mo
 
 
 def test_help_has_examples_that_begin_with_the_command():
-    known = "animate clean plot resume run scenes show tradeoff tune view warmup"
-    assert " ".join(NAMES) == known
+    assert " ".join(NAMES) == "animate clean plot resume run scenes show tradeoff tune view warmup"
     for command in [[], *([name] for name in NAMES)]:
         result = mpsim_command(*command, "--help")
         assert (result.exit_code, result.stderr) == (0, "")

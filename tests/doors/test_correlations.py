@@ -202,9 +202,8 @@ def test_averages_that_are_ahead_of_the_checkpoint_take_no_look_twice_and_know_t
     with mpsim.Simulation.resume(tmp_path / "run") as sim:
         sim.run(frames=50, observe=again)
     assert gathered(again) == whole[0]
-    elsewhere = gas(8, 0.2, seed=9, boundary="periodic")
     with (
-        simulate(elsewhere, **SETTINGS) as sim,
+        simulate(gas(8, 0.2, seed=9, boundary="periodic"), **SETTINGS) as sim,
         pytest.raises(mpsim.InputError, match="at frame 60 they contain other"),
     ):
         sim.run(frames=70, observe=other)

@@ -61,8 +61,7 @@ def test_what_was_absorbed_is_not_drawn_and_others_keep_their_colours():
 
 
 def test_an_array_of_ones_own_has_its_words_at_the_colour_bar_and_its_scale():
-    colour = [0.0, np.nan, 1.0, 100.0]
-    figure = mpsim.draw(gas(4, 0.02), colour=colour, colour_label="charge [e]", scale="log")
+    figure = mpsim.draw(gas(4, 0.02), colour=[0.0, np.nan, 1.0, 100.0], colour_label="charge [e]", scale="log")
     assert figure.axes[1].get_ylabel() == "charge [e]"
     assert isinstance(discs_in(figure).norm, LogNorm)
     figure.draw_without_rendering()
@@ -161,8 +160,7 @@ def test_what_cannot_be_drawn_is_refused(arguments, text):
 
 
 def test_a_notebook_shows_pictures_and_scenes_as_small_stills():
-    formatter = DisplayFormatter()
-    assert "image/png" not in formatter.format(Figure())[0], "a plain figure is not shown"
+    assert "image/png" not in DisplayFormatter().format(Figure())[0], "a plain figure is not shown"
     for name in ("gas", "rough-hopper"):
         content = mpsim.Scene.load(name)._repr_png_()
         assert len(content) < 100_000
@@ -184,8 +182,7 @@ def test_a_report_is_drawn_with_a_bar_for_each_worker_that_adds_up_to_a_usual_fr
     times = np.full((2, 20, 5), 1200)
     times[:, 3] = 2 * 10**8  # a frame that was disturbed is in no bar
     seconds = times[0].sum(axis=1) * 1e-9
-    made = dataclasses.replace(report, times=times, workers=2, method="parallel")
-    above, below = made.plot().axes
+    above, below = dataclasses.replace(report, times=times, workers=2, method="parallel").plot().axes
     assert above.lines[0].get_ydata() == pytest.approx(seconds * 1e6)
     assert above.get_title() == "20 frames by parallel, 2 workers"
     bars = {each.get_label(): [bar.get_width() for bar in each] for each in below.containers}
@@ -233,8 +230,7 @@ def frames_of(path):
 
 def middle_of_upper_disc(frame):
     """Its x in pixels: discs are the coloured things, and the other one is below."""
-    coloured = frame.max(axis=2) - frame.min(axis=2) > 60
-    return np.argwhere(coloured[: 2 * len(frame) // 3])[:, 1].mean()
+    return np.argwhere((frame.max(axis=2) - frame.min(axis=2) > 60)[: 2 * len(frame) // 3])[:, 1].mean()
 
 
 def test_pictures_follow_the_run_and_share_their_colours(tmp_path):

@@ -121,8 +121,7 @@ def test_how_an_exact_run_is_cut_changes_no_bit_where_a_disc_waits(timing, tmp_p
 @pytest.mark.parametrize(("method", "dt"), [("grid", 0.75), ("naive", 0.3), ("event", 0.125), ("event", 3.0)])
 def test_a_disc_that_waits_tries_again_at_times_that_do_not_depend_on_the_step(method, dt):
     """The first enters at 0.25 and covers the place for 0.5 / 0.9; the next multiple of 0.25 / 8 is 0.8125."""
-    scene = scene_of(Emitter((10, 30), (0.9, 0), interval=0.25))
-    with simulate(scene, method=method, dt=dt) as sim:
+    with simulate(scene_of(Emitter((10, 30), (0.9, 0), interval=0.25)), method=method, dt=dt) as sim:
         with pytest.warns(EmitterWarning) as caught:
             sim.run(until=3)
         x = sim.state.position[:, 0]

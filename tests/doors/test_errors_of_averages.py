@@ -15,8 +15,7 @@ import mpsim
 pytestmark = pytest.mark.compiled
 
 LEVELS = 13
-WINDOW = np.arange(PIECES) // 2
-"""Of each piece: two are a window."""
+WINDOW = np.arange(PIECES) // 2  # of each piece: two are a window
 
 SIGN = np.array([1.0, 1.0, -1.0, -1.0] * 16)
 """Of the noise of runs: of eight none is left in the mean over even ones, nor in that over odd ones."""

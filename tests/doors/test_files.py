@@ -46,12 +46,7 @@ def refused(tmp_path, text, words, name="a.xyz", **given):
 
 # --- extended XYZ
 
-PERIODIC = {
-    '"T T F"': (True, True),
-    "'t t f'": (True, True),
-    '"T F F"': (True, False),
-    '"F F T"': (False, False),
-}
+PERIODIC = {'"T T F"': (True, True), "'t t f'": (True, True), '"T F F"': (True, False), '"F F T"': (False, False)}
 
 
 def test_periodic_axes_are_read_as_ase_and_ovito_write_them(tmp_path):
@@ -409,8 +404,7 @@ def test_all_coordinates_and_quantities_of_lammps_are_read(tmp_path):
     for frame in (read(tmp_path, text, "a.dump"), read(tmp_path, text.replace("\n", "\r\n"), "a.dump")):
         assert (frame.radius.tolist(), frame.spin.tolist(), frame.time) == ([0.5, 0.4], [-3, 7], 1.75)
     assert frame.unwrapped.tolist() == frame.state.unwrapped.tolist() == [[15, 2], [-4.5, 1]]
-    old = DUMP.replace(" pp ff pp", "")
-    assert read(tmp_path, old, "a.dump").periodic == (True, True)
+    assert read(tmp_path, DUMP.replace(" pp ff pp", ""), "a.dump").periodic == (True, True)
     upright = DUMP.replace("BOUNDS", "BOUNDS xy xz yz").replace("-4 4", "-4 4 0").replace("-3 5", "-3 5 0")
     assert read(tmp_path, upright.replace(".5 0.5\n", ".5 0.5 0\n"), "a.dump").box == (8, 8)
 

@@ -223,8 +223,7 @@ def test_overlaps_are_told_with_the_deepest_and_the_users_line():
     assert touching.overlaps_at_start() == "", "rounding does not count"
     one = Scene(width=9, height=9, position=[[2, 2], [2, 2]], velocity=still[:2], radius=0.5)
     assert one.overlaps_at_start() == "1 pair of discs overlaps at the start: discs 0 and 1, by 1"
-    apart = one.starting_from(State([[2.0, 2.0], [3.5, 2.0]], one.velocity))
-    assert apart.overlaps_at_start() == ""
+    assert one.starting_from(State([[2.0, 2.0], [3.5, 2.0]], one.velocity)).overlaps_at_start() == ""
 
 
 def test_overlaps_are_found_through_periodic_borders_and_with_obstacles():

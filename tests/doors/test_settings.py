@@ -24,8 +24,6 @@ from mpsim import InputError, Settings, Units
 
 pytestmark = pytest.mark.plain
 
-NAN = math.nan
-
 # --- settings
 
 
@@ -154,8 +152,7 @@ def test_a_terminal_has_a_line_with_rate_and_time_left_which_goes_at_the_end(sho
     seen, end = shown(Terminal())
     assert any(re.fullmatch(r"frames \S+\s* 15/25 1/s 0:00:10", line) for line in seen), seen
     assert end == [""]
-    notebook = Notebook()
-    _, end = shown(notebook)
+    _, end = shown(Notebook())
     assert re.match(r"frames \S+ 25/25 1/s", end[0]), "there it stays"
     quick = Terminal()
     shown(quick, 0.01)
@@ -262,7 +259,7 @@ def test_a_named_scene_shows_what_it_promises_and_another_number_would_not_do(na
     (expected,) = re.findall(rf"(?m)^\| `{name}` \|[^|]*\| ([^|]*) \|[^|]*\|$", page)
     assert expected == f"{found.numbers[0].expected:.4g}", "the page says it"
     number = found.numbers[0]
-    for off, consistent in ((0.9 * number.within, True), (1.1 * number.within + 0.5, False), (NAN, False)):
+    for off, consistent in ((0.9 * number.within, True), (1.1 * number.within + 0.5, False), (math.nan, False)):
         assert dataclasses.replace(number, found=number.expected + off).consistent is consistent
 
 

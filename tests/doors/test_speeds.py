@@ -40,8 +40,7 @@ def one(place=(5, 5), velocity=(0, 0), **features):
 
 def row(**features):
     """Ten resting discs that divide the box."""
-    places = [[10.0, 0.5 + i] for i in range(10)]
-    return Scene(**WALL, position=places, velocity=np.zeros((10, 2)), **features)
+    return Scene(**WALL, position=[[10.0, 0.5 + i] for i in range(10)], velocity=np.zeros((10, 2)), **features)
 
 
 def told(scene, text, **settings):
@@ -260,8 +259,7 @@ def test_a_piston_that_presses_lossy_discs_is_refused_while_they_overlap_little(
 
 
 def test_it_is_told_once_or_ends_the_run_as_often_as_the_warning_is_an_error(tmp_path):
-    path = nearly(0.2, tmp_path, on_fast="warn")
-    with Simulation.resume(path) as sim:
+    with Simulation.resume(nearly(0.2, tmp_path, on_fast="warn")) as sim:
         for _ in range(2):
             with pytest.raises(FastWarning, match=PRESSED):
                 sim.run(until=18)
@@ -289,10 +287,9 @@ def between(other, stop, x=9.0, **features):
     return Scene(**box, obstacles=[each for each in (paddle, other) if each], **features)
 
 
-COMING = Polyline([(11.5, 2), (11.5, 8)], motion=Translation((-0.5, 0), stop=0.5))
 PINCHES = {
     "at rest": (Polyline([(11, 2), (11, 8)]), 9.0, "obstacles[1]"),
-    "coming": (COMING, 9.0, "obstacles[1]"),
+    "coming": (Polyline([(11.5, 2), (11.5, 8)], motion=Translation((-0.5, 0), stop=0.5)), 9.0, "obstacles[1]"),
     "container": (Circle((6, 5), 5, inside=True), 9.0, "obstacles[1]"),
     "wall": (None, 19.0, "the right wall"),
 }
@@ -305,8 +302,7 @@ def test_a_disc_is_named_with_both_surfaces_before_they_press_it_through_one(nam
     """To which they leave less than a diameter. The control: with more, it lives on where it is."""
     other, x, told = PINCHES[name]
     settings, room = {"method": "naive", "dt": 0.02, "contact": contact}, 3 - (other is None)
-    scene = between(other, room, x, wall_restitution=restitution)
-    with simulate(scene, on_fast="error", **settings) as sim:
+    with simulate(between(other, room, x, wall_restitution=restitution), on_fast="error", **settings) as sim:
         words = r"disc 0 is pinched between .* in frame \d+: one more step"
         words += "|what moves may press discs through an obst" * (restitution == 1)  # too fast before that
         with pytest.raises(TooFastError, match=words) as caught:

@@ -71,8 +71,7 @@ def test_seeds_are_of_points_and_not_of_their_places_in_the_grid(other):
 
 def test_the_seed_is_that_of_the_documented_rule():
     """Computed here from the rule in words; the order of the names is not in it."""
-    hashed = hashlib.blake2b(b'{"a":1,"b":[0.5,"x"]} 3', digest_size=8).digest()
-    seed = int.from_bytes(hashed, "big") >> 1
+    seed = int.from_bytes(hashlib.blake2b(b'{"a":1,"b":[0.5,"x"]} 3', digest_size=8).digest(), "big") >> 1
     for grid in ({"a": [1], "b": [(0.5, "x")]}, {"b": [[0.5, "x"]], "a": [np.float64(1)]}):
         row = sweep(lambda a, b, seed: {"given": seed}, grid, 4).rows[3]
         assert row.seed == row.values["given"] == seed < 2**63
@@ -409,8 +408,7 @@ def test_a_last_line_that_was_cut_off_is_dropped(cut, noting, kept, tmp_path):
     whole = kept.read_bytes()
     calls_in(tmp_path)
     kept.write_bytes(whole[:-cut])
-    table = sweep(noting, {"x": [1, 2, 3]}, path=kept)
-    assert [row.values["y"] for row in table.rows] == [2, 4, 6]
+    assert [row.values["y"] for row in sweep(noting, {"x": [1, 2, 3]}, path=kept).rows] == [2, 4, 6]
     assert len(calls_in(tmp_path)) == 1
     sweep(noting, {"x": [1, 2, 3]}, path=kept)
     assert kept.read_bytes().count(b"\n") == 4
@@ -530,5 +528,4 @@ signal.signal(signal.SIGINT, pressed)
 
 def test_of_its_own_threads_a_sweep_waits_and_keeps_what_they_finish(kept, tmp_path):
     (tmp_path / "go0").touch()
-    releasing = RELEASING.format(go=str(tmp_path / "go1"))
-    assert interrupted(releasing, signal.SIGINT, "None", kept, tmp_path) == [0, 1]
+    assert interrupted(RELEASING.format(go=str(tmp_path / "go1")), signal.SIGINT, "None", kept, tmp_path) == [0, 1]

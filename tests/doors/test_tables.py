@@ -49,8 +49,7 @@ def report():
     ],
 )
 def test_an_error_in_words(report, name, measure, text):
-    found = dataclasses.replace(report, measures={name: measure})
-    assert f"<th>{name}</th><td>{text}</td>" in found._repr_html_()
+    assert f"<th>{name}</th><td>{text}</td>" in dataclasses.replace(report, measures={name: measure})._repr_html_()
 
 
 def test_a_report_in_a_notebook_is_a_small_table(report):
@@ -141,8 +140,7 @@ def rows(made):
 
 
 def test_csv_and_json_hold_the_same(made, rows):
-    infinite = made.row(REFLECT, made.price(1.523), pressure=(math.inf, math.nan), overlap=(0.1, 0.01))
-    found = made([*rows, infinite])
+    found = made([*rows, made.row(REFLECT, made.price(1.523), pressure=(math.inf, math.nan), overlap=(0.1, 0.01))])
     lines = list(csv.DictReader(io.StringIO(found.to_csv())))
     assert [float(line["dt"]) for line in lines] == [0.1, 0.02, 0.05, 0.05]
     assert lines[0] | {"pressure": "0.0192", "pressure_error": "0.0006", "pressure_resolved": "True"} == lines[0]
@@ -176,8 +174,7 @@ def test_a_difference_below_its_noise_is_not_resolved_in_every_form(made, rows):
 def test_the_title_says_what_is_not_resolved_and_what_few_runs_need(made):
     """The number is the rule itself: so many standard errors are resolved, and fewer are not."""
     many, two = made.deviation(0.04, 0.01, freedom=15), made.deviation(0.02, 0.001, freedom=1)
-    found = made([made.row(COARSE, pressure=many, overlap=two)])
-    words = " ".join(str(found).split())
+    words = " ".join(str(made([made.row(COARSE, pressure=many, overlap=two)])).split())
     needed = int(re.search(r"not resolved, below 3 standard errors, or (\d+) with so few runs", words)[1])
     assert not made.deviation(needed * 0.00099, 0.001, freedom=1).resolved
     assert made.deviation(needed * 0.00101, 0.001, freedom=1).resolved

@@ -285,9 +285,6 @@ def test_starts_are_of_the_kind_of_the_scene_or_the_same_ones_displaced():
     assert len(set(same)) == 4
 
 
-CRADLE = Scene.load("cradle")
-
-
 @pytest.mark.parametrize(
     ("given", "text"),
     [
@@ -298,7 +295,7 @@ CRADLE = Scene.load("cradle")
 )
 def test_what_is_no_start_is_refused(given, text):
     with pytest.raises(mpsim.InputError, match=text):
-        tradeoff(CRADLE, COARSE, 1.0, starts=given)
+        tradeoff(Scene.load("cradle"), COARSE, 1.0, starts=given)
 
 
 # --- files, tables, failures

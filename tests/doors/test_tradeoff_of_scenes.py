@@ -15,7 +15,6 @@ from mpsim.errors import NotMeasurableError
 
 pytestmark = pytest.mark.compiled
 
-GRID = Settings(method="grid")
 CONTACT_TIME = 0.02
 MODEL = Settings(method="event", contact_time=CONTACT_TIME)
 FINE, COARSE = (Settings(dt=dt, method="grid") for dt in (0.01, 0.1))
@@ -41,8 +40,7 @@ def heap() -> Scene:
 def test_the_page_on_accuracy_says_what_each_named_scene_is_compared_with():
     page = (Path(__file__).parents[2] / "docs" / "accuracy.md").read_text()
     for name in SCENES:
-        row = f"| {name} | `contact_time={RESTING.get(name, 0):g}` |"
-        assert (row in page) == (name in RESTING), name
+        assert (f"| {name} | `contact_time={RESTING.get(name, 0):g}` |" in page) == (name in RESTING), name
 
 
 # --- the contact-time model as the reference
@@ -77,7 +75,7 @@ def test_tune_against_the_model_neither_calls_it_exact_nor_verified():
     found = tune(heap(), {"overlap": 0.05}, candidates=[MODEL], **how)
     assert (found.exact, found.verified, found.contact_time) == (False, False, CONTACT_TIME)
     assert "0 (the reference itself), budget 0.05 (which is a model, not exact)" in str(found)
-    steps = tune(heap(), {"overlap": 0.2}, candidates=[GRID], **how)
+    steps = tune(heap(), {"overlap": 0.2}, candidates=[Settings(method="grid")], **how)
     assert steps.verified
     assert 0 < steps.errors["overlap"].value < 0.2
 

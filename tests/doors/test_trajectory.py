@@ -203,8 +203,7 @@ def test_a_trajectory_is_a_sequence(path, tmp_path):
         trajectory[11]
     with pytest.raises(TypeError, match="an index of a trajectory must be a whole number or a slice; got 'a'"):
         trajectory["a"]
-    copy = shutil.copy(path, tmp_path / f"copy{path.suffix}")
-    assert content(copy) == content(path)
+    assert content(shutil.copy(path, tmp_path / f"copy{path.suffix}")) == content(path)
 
 
 @pytest.mark.parametrize("ending", ENDINGS)

@@ -24,8 +24,7 @@ LAWS = {IMPACT: (10.0, 2.0, 1.0), TWICE: (5.0, 2.0, 2.0), PUSH: (1.0, 1.0, 0.9)}
 
 STEPS = sorted({float(f"{step:.2g}") for step in np.geomspace(0.0004, 0.6, 4000)})
 CANDIDATES = [EVENT, *(dataclasses.replace(family, dt=step) for family in FAMILIES for step in STEPS)]
-FIRST_TO_VERIFY = 128
-"""Number of starts from which on they belong to verifications, and in each of them."""
+FIRST_TO_VERIFY = 128  # number of starts from which on they belong to verifications, and in each of them
 
 
 def family_of(chosen):
@@ -189,8 +188,7 @@ def test_it_ends_with_its_time(ask, monkeypatch):
 
     def law(each, number):
         clock.now += 8.0
-        error = 0.0 if each.method == "event" else each.dt * (1 + 1e-6 * number)
-        return {"overlap": [error] * PIECES}
+        return {"overlap": [0.0 if each.method == "event" else each.dt * (1 + 1e-6 * number)] * PIECES}
 
     monkeypatch.setattr(time, "monotonic", lambda: clock.now)
     found = ask({"overlap": 0.5}, [PUSH], law=law)

@@ -9,8 +9,7 @@ import pytest
 from support.processes import assert_clean, run_script
 from support.script_server import PACKAGE_PARENT
 
-IMPORT_WITHIN = 2.0
-"""Seconds of processor time, also on a busy machine."""
+IMPORT_WITHIN = 2.0  # seconds of processor time, also on a busy machine
 
 RUN = """
 import mpsim

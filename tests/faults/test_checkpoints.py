@@ -108,7 +108,6 @@ PASSED_ON = [
     MemoryError("no memory"), KeyboardInterrupt(), SystemExit(143), TimeoutError(errno.ETIMEDOUT, "the user's alarm"),
     OSError("the user's, without a number"), ImpatienceError("the user's own"), UserWarning("a warning as an error"),
 ]  # fmt: skip
-IN_WORDS = [errno.EACCES, errno.EMFILE, errno.ESTALE]
 DAMAGE = [
     OSError(errno.EIO, "Input/output error"), OSError(errno.EBADMSG, "Bad message"), EOFError("cut off"),
     zipfile.BadZipFile("Bad CRC-32"), ValueError("no number"), KeyError("no such array"),
@@ -140,7 +139,7 @@ def test_only_damage_leads_to_the_older_one(where, tmp_path, monkeypatch):
         with pytest.raises(type(error)) as found:
             read(refusing(error))
         assert found.value is error
-    for number in IN_WORDS:
+    for number in (errno.EACCES, errno.EMFILE, errno.ESTALE):
         with pytest.raises(mpsim.CheckpointError) as refused:
             read(refusing(error := OSError(number, os.strerror(number))))
         rule = f"'{path}' must be a file that can be read; got: {os.strerror(number)}. It may be undamaged"
@@ -525,8 +524,7 @@ def test_a_relative_path_means_where_the_run_began_and_a_link_leads_to_its_file(
 
 def bytes_read():
     """What this process has read from files so far."""
-    lines = Path("/proc/self/io").read_text().splitlines()
-    return int(dict(line.split(": ") for line in lines)["rchar"])
+    return int(dict(line.split(": ") for line in Path("/proc/self/io").read_text().splitlines())["rchar"])
 
 
 def test_overwriting_a_checkpoint_does_not_read_the_one_that_is_there(tmp_path):

@@ -28,8 +28,6 @@ import mpsim
 
 pytestmark = [pytest.mark.compiled, FORKS]
 
-METHODS = [("grid", 1), ("parallel", 3)]
-
 
 def begin(method="parallel", workers=3, scene=None, start_method="fork"):
     return simulate(scene or lattice(20, 20), method=method, workers=workers, start_method=start_method)
@@ -38,7 +36,7 @@ def begin(method="parallel", workers=3, scene=None, start_method="fork"):
 # --- a simulation
 
 
-@pytest.mark.parametrize(("method", "workers"), METHODS)
+@pytest.mark.parametrize(("method", "workers"), [("grid", 1), ("parallel", 3)])
 def test_a_simulation_that_is_closed_left_or_dropped_leaves_no_worker_and_no_block(method, workers):
     def fail(*_):
         raise ZeroDivisionError
@@ -173,8 +171,7 @@ def test_nothing_is_said_whatever_a_daemon_thread_is_doing_at_the_end(method, re
     """A `ClosedError` was printed now and then, and a thread that ran without a break kept the program from ending."""
     acts, rounds = ["run", "save", "look", "new", "drop"], 20 if request.config.getoption("--long") else 2
     text = DAEMONS.format(method=method, acts=acts, rounds=rounds)
-    outcome = run_script(text, bound=60 + 30 * rounds, warm=True)
-    assert_clean(outcome)
+    assert_clean(run_script(text, bound=60 + 30 * rounds, warm=True))
 
 
 LEFT_OPEN = """

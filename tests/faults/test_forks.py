@@ -37,8 +37,7 @@ CHILDREN = {
 }
 """Settings of what a fork runs, by name."""
 
-PATIENCE = 150
-"""Seconds that a fork may take, on a busy machine, before it counts as hung."""
+PATIENCE = 150  # seconds that a fork may take, on a busy machine, before it counts as hung
 
 
 def in_fork(act):

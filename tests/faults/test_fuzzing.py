@@ -21,8 +21,7 @@ import mpsim
 from mpsim.scene import scenefile
 from mpsim.scene.scenefile import PACKAGED
 
-FEW, MANY = 20, 20_000
-"""Executions of each test by default, and with --long."""
+FEW, MANY = 20, 20_000  # executions of each test by default, and with --long
 
 MEMORY = 100_000_000
 """Bytes that reading one file may take: the files here are of some 10 kB, their scenes of at most 2000 discs."""

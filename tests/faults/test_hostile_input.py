@@ -29,17 +29,10 @@ from mpsim.scene.scenefile import MOST_BYTES, MOST_PROBLEMS, MOST_TABLES
 from mpsim.studies.ensemble import FILE
 from mpsim.studies.runner import RunFile
 
-LONGEST = 2.0
-"""Seconds of processor time to refuse anything."""
-
-USUAL = 0.17
-"""Those of `some_work` on the machines for which the bound is given, when calm."""
-
-SPARE = 2**30
-"""Bytes of address space beyond what the process has already."""
-
-LONGEST_MESSAGE = 40_000
-"""Characters of a message with as many problems as are named."""
+LONGEST = 2.0  # seconds of processor time to refuse anything
+USUAL = 0.17  # those of `some_work` on the machines for which the bound is given, when calm
+SPARE = 2**30  # bytes of address space beyond what the process has already
+LONGEST_MESSAGE = 40_000  # characters of a message with as many problems as are named
 
 HEAD = "schema = 1\nwidth = 10.0\nheight = 8.0\n"
 
@@ -262,7 +255,6 @@ NO_ARRAYS = {
     "another version": npy((1, 2), bytes(16)).replace(b"NUMPY\1", b"NUMPY\3"),
     "one byte too many": npy((1, 2), bytes(17)),
 }
-IN_CHECKPOINTS = ("solver.velocity.npy", "scene.position.npy", "mpsim_checkpoint.npy", "digest.npy")
 
 
 def test_an_array_in_a_file_holds_what_it_declares_and_nothing_is_allocated_or_executed_before(tmp_path, monkeypatch):
@@ -274,7 +266,7 @@ def test_an_array_in_a_file_holds_what_it_declares_and_nothing_is_allocated_or_e
     for content in NO_ARRAYS.values():
         (tmp_path / "a.npy").write_bytes(content)
         refused(scenefile.load, tmp_path / "scene.toml", match=rule)
-        for name in IN_CHECKPOINTS:
+        for name in ("solver.velocity.npy", "scene.position.npy", "mpsim_checkpoint.npy", "digest.npy"):
             run.write_bytes(whole)
             rewrite_members(run, lambda members, name=name, content=content: members.update({name: content}))
             refused(mpsim.Simulation.resume, run, match="cannot be read|digest", kind=mpsim.CheckpointError)

@@ -426,10 +426,7 @@ TUNE = "tune(gas(20, 0.3), {'pressure': 0.01}, until=1e6)"
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     ("call", "number"),
-    slow_but(
-        [(TRADE, signal.SIGINT), (TRADE, signal.SIGTERM), (TUNE, signal.SIGTERM)],
-        (TRADE, signal.SIGINT),
-    ),
+    slow_but([(TRADE, signal.SIGINT), (TRADE, signal.SIGTERM), (TUNE, signal.SIGTERM)], (TRADE, signal.SIGINT)),
     ids=["trade", "trade, SIGTERM", "tune, SIGTERM"],
 )
 def test_a_signal_ends_a_search_of_long_runs_within_seconds_and_leaves_nothing(call, number, tmp_path):

@@ -116,8 +116,7 @@ for sim, _ in leaks:
 """
 
 ACTS = "[closed, dropped, kept_in_a_circle, resumed, interrupted, killed, refused, in_a_thread, forked]"
-MOST_GROWTH = 4
-"""MiB that a process may grow by, once it has read the kernels of all combinations of features."""
+MOST_GROWTH = 4  # MiB that a process may grow by, once it has read the kernels of all combinations of features
 
 
 def soak(simulations, acts=ACTS, settled=0):

@@ -474,8 +474,7 @@ def test_another_site_cannot_read_or_connect_and_the_end_is_told(table):
 
 # --- a page under the hands of somebody: pointer, fingers, keys, and what is seen
 
-WHITE = [255, 255, 255]
-"""The ground below the discs."""
+WHITE = [255, 255, 255]  # the ground below the discs
 
 
 class Table:

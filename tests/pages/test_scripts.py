@@ -29,8 +29,7 @@ def rows_of(page):
 
 
 def test_run_bench_times_and_draws(tmp_path):
-    said = run("run_bench", "--quick", "--only", "fixed", "--out", tmp_path)
-    assert "grid" in said
+    assert "grid" in run("run_bench", "--quick", "--only", "fixed", "--out", tmp_path)
     assert json.loads((tmp_path / "bench.json").read_text())["fixed"]["grid"]["frames"] == 100
     assert (tmp_path / "fixed.png").stat().st_size > 10_000
 

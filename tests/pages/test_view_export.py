@@ -28,8 +28,7 @@ def played(sim):
     sim.kick([2, 3], (0.25, 0.0))
     sim.change(dt=0.005, gravity=(0.0, -0.5))
     sim.remove([4])
-    wall = mpsim.Polyline([(0, 0.01), (0.4, 0.01)], thickness=0.01)
-    sim.add_wall(wall)
+    sim.add_wall(mpsim.Polyline([(0, 0.01), (0.4, 0.01)], thickness=0.01))
     sim.run(frames=5)
     sim.change(
         obstacles=[*sim.scene.obstacles, mpsim.FixedDisc((0.1, 0.1), 0.05, motion=mpsim.Rotation((0.2, 0.2), 1))]

@@ -188,8 +188,7 @@ def test_discs_that_made_room_are_put_back_if_what_they_made_it_for_is_refused()
     scene = gas(20, 0.3, emitters=(mpsim.Emitter((1.0, 1.0), (0.0, 0.0), every=100),))
     with paused(scene, PLAIN) as page:
         before = kept(page.view.address)
-        told = page.do("wall", ax=0.0, ay=1.0, bx=scene.width, by=1.0)
-        assert "emitter" in told["note"]
+        assert "emitter" in page.do("wall", ax=0.0, ay=1.0, bx=scene.width, by=1.0)["note"]
         assert kept(page.view.address) == before
 
 
@@ -302,12 +301,11 @@ def test_a_wall_is_moved_and_removed_like_a_disc():
 BATH = gas(20, 0.4, boundary="periodic", thermostat=mpsim.Thermostat(temperature=1.0, rate=4.0, seed=5))
 WALLS = gas(20, 0.4, thermal_walls=mpsim.ThermalWalls(left=2.0, right=2.0, bottom=2.0, top=2.0, seed=5))
 ROUGH = gas(20, 0.4, friction=0.05, wall_friction=0.05)
-MOVED = zoo("piston emitters", count=5, side=20.0)
 USUAL = {"gravity", "restitution", "wall_restitution", "dt", "passes", "substeps"}
 OFFERED = [
     ("bare", SCENE, GRID, USUAL, {"dt": (0.001, 0.1), "passes": (1, 4), "substeps": (1, 16)}),
     ("exact", SCENE, mpsim.Settings(method="event"), USUAL - {"passes", "substeps"}, {}),
-    ("moved", MOVED, PLAIN, USUAL | {"piston_speed", "interval", "every"},
+    ("moved", zoo("piston emitters", count=5, side=20.0), PLAIN, USUAL | {"piston_speed", "interval", "every"},
      {"piston_speed": (-15, -0.15), "interval": (0.012, 1.2), "every": (1, 30)}),
     ("thermostat", BATH, PLAIN, USUAL | {"temperature"}, {"temperature": (0.1, 10)}),
     ("thermal walls", WALLS, PLAIN, USUAL | {"wall_temperature"}, {"wall_temperature": (0.2, 20)}),

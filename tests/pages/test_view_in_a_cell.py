@@ -79,8 +79,7 @@ def test_an_output_that_is_cleared_or_scrolled_away_lets_the_run_rest(front):
 def test_files_are_kept_in_a_notebook_as_on_a_page(front):
     page = seen(front)
     page.until(lambda p: p.frame > 3)
-    begins = {"session.zip": b"PK", "program.py": b'"""', "film.gif": b"GIF8"}
-    for name, begin in begins.items():
+    for name, begin in {"session.zip": b"PK", "program.py": b'"""', "film.gif": b"GIF8"}.items():
         page.keep(name)
         page.until(lambda p, name=name: name in p.kept)
         assert page.kept[name][1].startswith(begin), page.kept[name]
@@ -209,8 +208,7 @@ def test_lost_messages_are_sent_again_and_pages_that_do_not_answer_let_the_run_r
     """One life of half a minute: a page is pinged each ten seconds."""
     with mpsim.live(SCENE, GRID) as live:
         front = FrontEnd(live)
-        pages = [seen(front, str(number)) for number in range(8)]
-        one, other, *dying = pages
+        one, other, *dying = [seen(front, str(number)) for number in range(8)]
         one.until(lambda p: p.frame > 3)
         lost = losing(one, "bytes")
         texts = losing(other, "text")

@@ -13,7 +13,6 @@ from mpsim.viewer import share_url
 
 pytestmark = pytest.mark.plain
 
-GRID = mpsim.Settings(method="grid")
 ASKED = "scene=gas&seed=3&dt=0.005&method=grid&gravity=0.0,-1.5&restitution=0.9&beside=event"
 
 HOSTILE = {
@@ -67,7 +66,7 @@ def test_what_a_link_means_and_what_it_may_not_ask_for():
 
 
 def test_pages_are_told_the_link_to_what_is_shown():
-    with paused(gas(20, 0.2), GRID, name="mine") as page:
+    with paused(gas(20, 0.2), mpsim.Settings(method="grid"), name="mine") as page:
         page.hear_until(lambda v: "link" in v.last)
         assert page.last["link"]["text"] is None, "it does not come with mpsim"
     with paused(share_url.read(ASKED)) as page:

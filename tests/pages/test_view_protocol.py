@@ -52,8 +52,7 @@ def test_pictures_of_a_run_show_its_state():
     assert (picture.walls, picture.extent, picture.time) == (state.box, (9.0, 4.0), 1.0)
     assert np.abs(picture.position - state.position)[here].max() <= 0.5001 * 9 / STEPS, "rounded"
     assert (picture.colour == ABSORBED).tolist() == (~here).tolist()
-    speeds = np.hypot(*state.velocity.T)
-    expected = np.interp(speeds, [0, *picture.scale], [0, KNEE, FASTEST])
+    expected = np.interp(np.hypot(*state.velocity.T), [0, *picture.scale], [0, KNEE, FASTEST])
     assert np.abs(picture.colour - expected)[here].max() <= 0.51
     assert np.ptp(expected[here]) > 50, "the control"
 
@@ -76,8 +75,7 @@ def test_radii_are_sent_again_where_discs_change():
         sent = len(page.raw)
         page.say("step", frames=2)
         page.hear_until(lambda v: v.frame == 2)
-        kinds = {message[5] for message in page.raw[sent:]}
-        assert kinds == {1}, "the same radii are not sent again"
+        assert {message[5] for message in page.raw[sent:]} == {1}, "the same radii are not sent again"
 
 
 def test_both_stages_of_a_picture_come_together():
@@ -161,8 +159,7 @@ def test_every_action_is_taken_and_what_cannot_be_done_ends_nothing():
         page.socket.send('{"do": "explode"}')
         with pytest.raises(ConnectionClosed) as closed:
             page.hear_for(60)
-    listed = closed.value.rcvd.reason.partition("one of ")[2]
-    assert listed.startswith("'ack', 'visible', ")
+    assert closed.value.rcvd.reason.partition("one of ")[2].startswith("'ack', 'visible', ")
 
 
 HOSTILE = [
@@ -210,5 +207,4 @@ def test_what_is_no_action_ends_its_connection_with_a_reason_and_nothing_else():
             assert 10 < len(closed.value.rcvd.reason.encode()) <= 123, message
         polite.step_to(2)
         assert not polite.view.wait(0)
-    reason = closed.value.rcvd.reason
-    assert " must " in reason
+    assert " must " in closed.value.rcvd.reason

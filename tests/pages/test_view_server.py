@@ -325,10 +325,7 @@ def test_what_cannot_start_ends_the_view_with_its_error_and_says_so_on_the_page(
         ({"playing": None}, r"playing must be True or False; got None"),
         ({"colour": [1.0, 2.0]}, r"colour must be an array of 20 numbers, one for each disc; got \[1.0, 2.0\]"),
         ({"beside": "event"}, r"beside must be mpsim.Settings; got str. Use Settings\(method='event'"),
-        (
-            {"settings": mpsim.Settings(method="mpi")},
-            r"one process, as a view does; got 'mpi'",
-        ),
+        ({"settings": mpsim.Settings(method="mpi")}, r"one process, as a view does; got 'mpi'"),
     ],
 )
 def test_what_is_wrong_is_named_before_anything_is_open(arguments, text):

@@ -10,8 +10,7 @@ from mpsim import Scene, ThermalWalls, Thermostat, measure
 
 pytestmark = [pytest.mark.plain, pytest.mark.timeout(400), pytest.mark.filterwarnings("ignore::mpsim.FastWarning")]
 
-UNLIKELY = 1.95
-"""Of Kolmogorov's statistic: exceeded once in a thousand times."""
+UNLIKELY = 1.95  # of Kolmogorov's statistic: exceeded once in a thousand times
 
 
 def distance(values):
@@ -41,8 +40,7 @@ def test_a_gas_relaxes_exponentially_to_the_temperature_of_the_bath(method, sett
     """
     times, rate, found = np.array([2.0, 4.0, 8.0]), 0.25, []
     for seed in range(10):
-        bath = Thermostat(temperature, rate, seed=seed)
-        scene = bath_of(30, seed, boundary="periodic", thermostat=bath)
+        scene = bath_of(30, seed, boundary="periodic", thermostat=Thermostat(temperature, rate, seed=seed))
         with simulate(scene, method=method, contact="impact", **settings) as sim:
             temperatures = []
             for time in times:

@@ -317,16 +317,14 @@ def test_free_fall_with_push_is_first_order_in_dt_and_exact_without():
 
 def test_accelerations_of_each_disc_and_gravity_add_up():
     places, own = [[2, 2], [4, 4], [6, 6]], [[1, 0], [0, -1], [0, 0]]
-    alone = run(scene_of(places, width=8, height=8, acceleration=own), 64)
-    assert alone.velocity.tolist() == own
+    assert run(scene_of(places, width=8, height=8, acceleration=own), 64).velocity.tolist() == own
     both = run(scene_of(places, width=8, height=8, acceleration=own, gravity=(0, 1)), 64)
     assert both.velocity.tolist() == [[1, 1], [0, 0], [0, 1]]
 
 
 # --- one contact
 
-SHORT = 1e-9
-"""A frame in which nothing moves to speak of."""
+SHORT = 1e-9  # a frame in which nothing moves to speak of
 
 
 def after(scene, dt, **settings):
@@ -419,14 +417,13 @@ def test_a_place_comes_back_into_a_periodic_box_with_its_periods_counted(way, pr
 # --- obstacles
 
 LINE, PEG = Polyline([(5, 5), (15, 5)]), FixedDisc((5, 5), 0.5)
-THICK = Polyline([(5, 5), (15, 5)], 0.5)
 
 
 @pytest.mark.parametrize(
     ("obstacle", "place", "velocity", "restitution", "then", "now"),
     [
         (LINE, (10, 5.3), (1, -2), 0.5, (10, 5.6), (1, 1)),
-        (THICK, (10, 5.6), (1, -2), 1.0, (10, 5.9), (1, 2)),
+        (Polyline([(5, 5), (15, 5)], 0.5), (10, 5.6), (1, -2), 1.0, (10, 5.9), (1, 2)),
         (LINE, (15.4, 5), (-1, 0), 1.0, (15.6, 5), (1, 0)),
         (LINE, (10, 5.5), (1, -2), 1.0, (10, 5.5), (1, -2)),
         (PEG, (5.48, 5.64), (-3, -4), 1.0, (5.72, 5.96), (3, 4)),
@@ -437,8 +434,7 @@ THICK = Polyline([(5, 5), (15, 5)], 0.5)
 def test_an_impact_on_an_obstacle_happens_where_they_touched(obstacle, place, velocity, restitution, then, now):
     start = np.array(place, float) - velocity
     box = {"width": 20, "height": 20, "radius": 0.5, "obstacles": obstacle, "wall_restitution": restitution}
-    scene = Scene(**box, position=[start], velocity=[velocity])
-    state = after(scene, 1.0, contact="impact")
+    state = after(Scene(**box, position=[start], velocity=[velocity]), 1.0, contact="impact")
     assert state.position[0] == pytest.approx(then, abs=1e-13)
     assert state.velocity[0] == pytest.approx(now, abs=1e-13)
 

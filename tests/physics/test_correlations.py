@@ -13,8 +13,7 @@ from mpsim.measure import mean_squared_displacement, reference
 pytestmark = pytest.mark.plain
 
 PACKING = 0.02
-RATE = reference.enskog_rate(PACKING)
-"""Collisions per disc and time of the dilute gas."""
+RATE = reference.enskog_rate(PACKING)  # collisions per disc and time of the dilute gas
 
 
 def lanes():
@@ -78,8 +77,7 @@ def test_both_routes_give_the_same_diffusion_constant_and_that_of_enskog():
     by_displacement, by_velocity = found.diffusion(), found.diffusion(route="velocity")
     assert by_displacement.settled
     assert by_velocity.settled
-    difference = by_displacement.value - by_velocity.value
-    assert abs(difference) < 2 * max(by_displacement.error, by_velocity.error)
+    assert abs(by_displacement.value - by_velocity.value) < 2 * max(by_displacement.error, by_velocity.error)
     expected = reference.enskog_diffusion(PACKING)
     for each in (by_displacement, by_velocity):
         assert each.error < 0.04 * expected

@@ -9,14 +9,12 @@ from mpsim.measure import reference
 
 pytestmark = pytest.mark.plain
 
-COUNT = 64
-
 
 def runs(packing, boundary, collisions, seeds, names, sensors=()):
     """Measures of one run each from so many starts, and the impulses on these walls in each frame."""
     series, found, rate = [], [], reference.enskog_rate(packing)
     for seed in range(seeds):
-        scene = mpsim.Scene.random(count=COUNT, packing=packing, radius=0.5, seed=seed, boundary=boundary)
+        scene = mpsim.Scene.random(count=64, packing=packing, radius=0.5, seed=seed, boundary=boundary)
         walls = [mpsim.Sensor(wall=wall) for wall in sensors]
         with mpsim.Simulation(scene, mpsim.Settings(method="event", dt=collisions / rate / 1000)) as sim:
             sim.run(until=20 / rate)

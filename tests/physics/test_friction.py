@@ -19,12 +19,10 @@ METHODS = {
     "naive": {"method": "naive", "contact": "impact"},
     "event": {"method": "event"},
 }
-LAWS = [(0.1, 0.0), (0.3, 0.4), (math.inf, 1.0), (0.5, -0.5)]
-"""Friction and tangential restitution."""
+LAWS = [(0.1, 0.0), (0.3, 0.4), (math.inf, 1.0), (0.5, -0.5)]  # friction and tangential restitution
 
 E, DT = 0.8, 0.25
-LATE = 0.05
-"""Of a frame, since the contact when a frame ends: so little that a grazing one is not over by then."""
+LATE = 0.05  # of a frame, since the contact when a frame ends: so little that a grazing one is not over by then
 
 ANGLES = np.radians(np.arange(-85, 86, 34))
 """Between the velocity at impact, relative to what is met, and the normal."""

@@ -53,8 +53,7 @@ def bouncing(how, until=40.0, count=3, **features):
 @pytest.mark.parametrize("how", ["impact", "event"])
 def test_bounces_keep_their_energy_to_rounding(how):
     kept, _ = bouncing(how)
-    worst = np.abs(kept - 1).max()
-    assert worst < 1e-12
+    assert np.abs(kept - 1).max() < 1e-12
 
 
 def test_push_and_walls_with_losses_do_not():

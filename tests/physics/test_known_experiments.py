@@ -10,8 +10,7 @@ from mpsim import Circle, Oscillation, Polyline, Rotation, Scene, Simulation
 
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::mpsim.errors.GuardWarning")]
 
-FIRST_HIT = 10.2
-"""The speed that the text of the scene `flipper` names."""
+FIRST_HIT = 10.2  # the speed that the text of the scene `flipper` names
 
 
 def gap_to_flipper(time):
@@ -34,8 +33,7 @@ def test_the_first_flipper_gives_the_ball_the_speed_of_its_own_frame():
     velocity = velocity - 1.8 * ((velocity - wall) @ normal) * normal
     speeds = {}
     for method, dt in (("event", 0.1), ("grid", 0.02), ("grid", 0.005)):
-        scene = replace_settings(Scene.load("flipper"), method=method, dt=dt)
-        with Simulation(*scene) as sim:
+        with Simulation(*replace_settings(Scene.load("flipper"), method=method, dt=dt)) as sim:
             sim.run(until=1.6)
             speeds[method, dt] = np.hypot(*(sim.state.velocity[0] + (0, 4 * (1.6 - low))))
     assert speeds["event", 0.1] == pytest.approx(np.hypot(*velocity), abs=1e-9)

@@ -223,8 +223,7 @@ def test_a_fast_disc_that_is_added_is_not_taken_for_one_that_is_crushed(tmp_path
 
 def breathed(period, seed):
     """T/T0 after half a period of a piston that goes in and comes out, and after all of it."""
-    motion = mpsim.Oscillation((-1.5, 0), period, phase=-math.pi / 2)
-    piston = Piston("right", motion=motion, start=6.5)
+    piston = Piston("right", motion=mpsim.Oscillation((-1.5, 0), period, phase=-math.pi / 2), start=6.5)
     scene, energy = Scene.random(count=40, width=8, height=9.7, radius=0.15, seed=seed, piston=piston), []
     with exactly(scene, dt=period / 2) as sim:
         for _ in range(2):
@@ -305,15 +304,13 @@ def test_a_perfectly_rough_gas_between_walls_that_run_gains_their_work(how):
 
 # --- edges that absorb: times and places of leaving in closed form
 
-EDGES = ("left", "right", "bottom", "top")
-
 
 def closed(scene):
     """The same discs between walls: the control."""
     return scene_of(scene.position, scene.velocity, scene.width, scene.height, radius=scene.radius)
 
 
-@pytest.mark.parametrize("edge", EDGES)
+@pytest.mark.parametrize("edge", ["left", "right", "bottom", "top"])
 def test_a_disc_leaves_at_the_instant_at_which_it_touches(edge):
     """It is there a rounding before, and away a rounding after; then it rests there, whatever gravity does."""
     sign, axis = (1 if edge in ("right", "top") else -1), int(edge in ("bottom", "top"))

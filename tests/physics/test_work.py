@@ -128,14 +128,11 @@ def test_baths_have_entries_of_their_own_and_losses_are_what_is_missing(name, ho
         assert given == pytest.approx(gained, rel=1e-9) if restitution == 1 else given > 1.05 * gained
 
 
-DRUM = Circle((6, 6), 5.6, inside=True, motion=Oscillation((0.4, 0.1), 0.5))
-
-
 @pytest.mark.parametrize("how", [EXACT, STEPS], ids=["event", "grid"])
 def test_work_is_kept_in_files_and_snapshots_and_when_its_obstacle_goes(how, tmp_path):
     with Simulation(gas(obstacles=[FixedDisc((2, 6), 0.5)]), mpsim.Settings(**how)) as sim:
         assert sim.work == sim.run(frames=1).work == {}, "nothing moves"
-        drum = sim.add_wall(DRUM)
+        drum = sim.add_wall(Circle((6, 6), 5.6, inside=True, motion=Oscillation((0.4, 0.1), 0.5)))
         sim.run(until=0.5)
         snap, before = sim.snapshot(), sim.work[drum]
         path = sim.save(tmp_path / "run")

@@ -16,11 +16,8 @@ import mpsim
 SCENE = mpsim.Scene.lattice(count=30, packing=0.75, radius=0.5, seed=1)
 """Of temperature 1, and dense, so that the first look at it is short."""
 
-UNTIL, PIECES = 10.0, 16
-"""Length of the runs, and the number of pieces of which each has an average."""
-
-TIME = (np.arange(PIECES) + 0.5) / PIECES
-"""The middle of each piece, as a fraction of a run."""
+UNTIL, PIECES = 10.0, 16  # length of the runs, and the number of pieces of which each has an average
+TIME = (np.arange(PIECES) + 0.5) / PIECES  # the middle of each piece, as a fraction of a run
 
 COARSE, FINE = mpsim.Settings(dt=0.1, method="grid"), mpsim.Settings(dt=0.02, method="grid")
 PUSH = mpsim.Settings(dt=0.05, method="grid", contact="push")

@@ -11,8 +11,7 @@ import numpy as np
 
 import mpsim
 
-NOW = 1e-11
-"""Roots this close to zero are those of an event that has just been."""
+NOW = 1e-11  # roots this close to zero are those of an event that has just been
 
 
 def real_roots(*coefficients):

@@ -39,8 +39,7 @@ FRAMES, DT = 24, 1 / 16
 INDEX = np.arange(30)
 LATTICE = lattice(6, 5)
 
-KINDS = list(itertools.product(("push", "impact"), ("float32", "float64")))
-"""Contact and precision."""
+KINDS = list(itertools.product(("push", "impact"), ("float32", "float64")))  # contact and precision
 
 MEASURES = (
     "pressure", "pressure_virial", "pressure_xx", "pressure_yy", "pressure_xy", "collision_rate", "contact_rate",
@@ -187,9 +186,8 @@ def _spun(state: mpsim.State) -> bool:
     return state.spin is not None and not np.isin(state.spin, TURNS).all()
 
 
-BARE = Pinned()
 SCENES: dict[str, Pinned] = {
-    "bare": BARE,
+    "bare": Pinned(),
     "law reflect": Pinned(settings={"law": "reflect"}),
     "passes": Pinned(settings={"passes": 2}),
     "sub-steps": Pinned(settings={"substeps": 3}),

@@ -21,11 +21,8 @@ from xdist.scheduler import EachScheduling
 
 PACKAGE = Path(__file__).parents[2] / "mpsim"
 
-LONG_EXAMPLES = ("tradeoff.py",)
-"""Modules of mpsim whose examples take long in plain Python."""
-
-FIRST = ("contracts", "doors")
-"""Folders of the first two processes; the other two have the rest."""
+LONG_EXAMPLES = ("tradeoff.py",)  # modules of mpsim whose examples take long in plain Python
+FIRST = ("contracts", "doors")  # folders of the first two processes; the other two have the rest
 
 SHARES = {"gw0": ("plain", True), "gw1": ("compiled", True), "gw2": ("plain", False), "gw3": ("compiled", False)}
 """Sort of the files and whether their folder is one of the first, of each process by the name that xdist gives it."""

@@ -444,8 +444,7 @@ def _dot(a: Any, b: Any) -> Any:
 
 # --- flights of discs that entered inside a frame, looked at step by step up to what they meet
 
-LOOKS_PER_RADIUS, MOST_LOOKS = 4, 10_000
-"""Places along a flight at which it is looked for what is in the way."""
+LOOKS_PER_RADIUS, MOST_LOOKS = 4, 10_000  # places along a flight at which it is looked for what is in the way
 
 
 def landing(

@@ -14,8 +14,7 @@ from support.compare import assert_same_bits
 from support.scenes import simulate
 from support.twin_motion import EDGES, Motion, landing, limited, segments_of
 
-CELLS_PER_DISC = 2
-"""At most so many cells for each disc."""
+CELLS_PER_DISC = 2  # at most so many cells for each disc
 
 FEW_GIANTS, GIANTS_PER, GIANT = 8, 500, 2.0
 """At most 8 discs, and one in 500, are giants: each has more than twice the radius of all others."""
@@ -197,8 +196,7 @@ class Twin(Motion):
                     self.meet_each(i, later, image_x, image)
 
     def is_near(self, i: int, axis: int, image: Any) -> bool:
-        seen = self.p[i, axis] - image
-        return -self.diameter < seen < self.wrap[axis] + self.diameter
+        return -self.diameter < self.p[i, axis] - image < self.wrap[axis] + self.diameter
 
     def meet_each(self, i: int, others: list[int], image_x: Any, image_y: Any) -> None:
         for j in others:

@@ -19,8 +19,7 @@ from websockets.sync.client import connect
 
 import mpsim
 
-PATIENCE = 150.0
-"""Seconds for what must come, on a busy machine."""
+PATIENCE = 150.0  # seconds for what must come, on a busy machine
 
 HEADER = struct.Struct("<4sBBHIIQd4d2d2d")
 PICTURE, RADII = 1, 2

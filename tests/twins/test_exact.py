@@ -14,8 +14,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),
 ]
 
-CLOSE = 1e-7
-"""Events that are closer in time than this end a comparison: which comes first, rounding decides."""
+CLOSE = 1e-7  # events that are closer in time than this end a comparison: which comes first, rounding decides
 
 
 def numbers(scene, event):
@@ -194,8 +193,7 @@ def test_collisions_add_up_to_what_is_measured(method, contact):
     assert counts.sum() > 20
     assert 2 * counts / scene.count / dt == pytest.approx(found[:, 1])
     pushed = np.bincount(walls["frame"], np.abs(walls["impulse"]).sum(axis=1), minlength=41)[1:]
-    edge = 2 * (scene.width + scene.height)
-    assert pushed / dt / edge == pytest.approx(found[:, 2], rel=1e-7, abs=1e-7)
+    assert pushed / dt / (2 * (scene.width + scene.height)) == pytest.approx(found[:, 2], rel=1e-7, abs=1e-7)
 
 
 @pytest.mark.parametrize(

@@ -86,8 +86,7 @@ def check_pairs(seed):
     p, discs = state.position.astype(float), np.flatnonzero(here)
     pairs = list(combinations(discs.tolist(), 2))
     i, j = np.array(pairs, int).reshape(-1, 2).T
-    distance = np.hypot(*nearest(scene, p[i] - p[j]).T)
-    depth = scene.radii[i] + scene.radii[j] - distance
+    depth = scene.radii[i] + scene.radii[j] - np.hypot(*nearest(scene, p[i] - p[j]).T)
     rounding = 8 * np.finfo(state.position.dtype).eps * max(scene.width, scene.height)
     if (np.abs(depth - rounding) > 1e-12).all():
         deep = depth[depth > rounding]
@@ -121,8 +120,7 @@ def drawn_run(seed):
     Exact; or stepped with `push`, where it is plain at which depth discs meet.
     """
     scene, rng = any_gas(seed, friction=False, wrap=0.6), np.random.default_rng([seed, 9])
-    law = str(rng.choice(["elastic", "reflect"]))
-    stepped = {"method": "naive", "contact": "push", "law": law}
+    stepped = {"method": "naive", "contact": "push", "law": str(rng.choice(["elastic", "reflect"]))}
     return scene, {
         "dt": typical_time(scene) / max(20 * scene.count, 100),
         **(stepped if rng.random() < 0.5 else {"method": "event"}),

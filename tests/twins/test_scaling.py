@@ -20,8 +20,7 @@ FRAMES = 10
 pytestmark = [pytest.mark.plain, pytest.mark.filterwarnings("ignore::UserWarning")]
 
 
-MOST_POWER = {"float32": 6, "float64": 60}
-"""Of two, up to which units are changed: squares of squares must fit."""
+MOST_POWER = {"float32": 6, "float64": 60}  # of two, up to which units are changed: squares of squares must fit
 
 
 def without_vanishing(scene):

@@ -13,15 +13,11 @@ import mpsim
 pytestmark = [
     pytest.mark.plain,
     pytest.mark.filterwarnings("ignore::mpsim.errors.EmitterWarning"),
-    pytest.mark.filterwarnings(
-        "ignore::mpsim.FastWarning"
-    ),  # of the tail of the speeds, and of discs dropped on others
+    pytest.mark.filterwarnings("ignore::mpsim.FastWarning"),  # of tails of speeds, and of discs dropped on others
 ]
 
 METHODS = ("grid", "naive")
-PRECISIONS = ("float64", "float32")
-CONTACTS = ("impact", "push")
-KINDS = [(contact, precision) for precision in PRECISIONS for contact in CONTACTS]
+KINDS = [(contact, precision) for precision in ("float64", "float32") for contact in ("impact", "push")]
 
 
 def kind(turn):
