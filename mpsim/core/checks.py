@@ -72,7 +72,7 @@ def finite_array(name: str, value: Any, shape: tuple[int | None, ...], meaning: 
 
 def read_only(array: NDArray[Number]) -> NDArray[Number]:
     """The same array, which cannot be written any more."""
-    array.flags.writeable = False
+    array.setflags(write=False)
     return array
 
 

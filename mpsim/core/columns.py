@@ -16,7 +16,7 @@ def equal_sizes(size: float, count: int) -> NDArray[np.float64]:
     """The same number `count` times, read-only, in the memory of one."""
     # Not np.broadcast_to, which runs Python code: an interrupt in there would be lost.
     sizes = np.ndarray((count,), np.float64, np.array([size], np.float64), strides=(0,))
-    sizes.flags.writeable = False
+    sizes.setflags(write=False)
     return sizes
 
 

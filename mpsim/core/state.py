@@ -116,7 +116,7 @@ class State:
         image, spin = found.get(columns.IMAGE.name), found.get(columns.SPIN.name)
         for array in (position, velocity, image, present, spin):
             if array is not None:
-                array.flags.writeable = False
+                array.setflags(write=False)
         vars(state).update(position=position, velocity=velocity, image=image, present=present, spin=spin, box=box)
         return state
 

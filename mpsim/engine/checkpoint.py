@@ -86,7 +86,7 @@ class Snapshot:
     def __post_init__(self) -> None:
         for array in self.arrays.values():
             if isinstance(array, np.ndarray):
-                array.flags.writeable = False
+                array.setflags(write=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Snapshot, tuple(vars(self).values())  # arrays that a pickle holds come back writable

@@ -201,14 +201,14 @@ class EventSolver(CollisionLog):
         return time - self._origin.time <= self._present
 
     def state(self, first: int = 0, last: int | None = None) -> State:
-        whole = event_block.state_of(self._scene, self._origin.time + self._present, self._found(), self.radii)
-        return part_of(whole, first, self.count if last is None else last)
+        return part_of(self._whole()[0], first, self.count if last is None else last)
 
-    def _found(self) -> dict[str, NDArray[Any]]:
-        """Positions, velocities and all columns but radii and masses, by name."""
-        kept = [column.name for column in event_block.columns_in(self._scene) if column.kept]
-        store, box, features = self._system
-        return cells.read_out(store, box, features, self._present, kept)
+    def _whole(self) -> tuple[State, dict[str, NDArray[Any]]]:
+        """The state of all discs, and all columns but radii and masses, by name."""
+        kept = [column.name for column in self._scene._columns if column.kept]
+        present, (store, box, features) = self._present, self._system
+        found = cells.read_out(store, box, features, present, kept)
+        return event_block.state_of(self._scene, self._origin.time + present, found, self.radii), found
 
     def add(self, new: NewDiscs, choice: Choice) -> None:
         now = self.discs()
@@ -219,8 +219,7 @@ class EventSolver(CollisionLog):
         self._place_anew(everyone, choice, self.terms, new.velocity)
 
     def discs(self, numbers: NDArray[np.int64] | None = None) -> NewDiscs:
-        there = self._found()
-        now = event_block.state_of(self._scene, self._origin.time + self._present, there, self.radii)
+        now, there = self._whole()
         columns = {**there, **vars(now)}
         kept = {each.name: columns[each.name] for each in self._scene._columns if each.name in columns}
         found = NewDiscs(now.position, now.velocity, self.radii, {**kept, MASS.name: self.masses})

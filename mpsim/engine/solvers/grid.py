@@ -35,6 +35,7 @@ from mpsim.features.properties import has_radii
 from mpsim.kernels import records
 from mpsim.kernels.compiling import bound
 from mpsim.kernels.features import collisions
+from mpsim.kernels.frame.sorting import put_in_order
 from mpsim.kernels.frame.stepping import run_grid, run_naive
 from mpsim.scene.scene import Scene
 from mpsim.scene.settings import Settings
@@ -48,18 +49,11 @@ def live_discs(block: SharedBlock) -> records.Discs:
     return its.b if numbers_of(block)[0].live else its.a
 
 
-_PAIR = {np.dtype(np.float32): np.dtype(np.complex64), np.dtype(np.float64): np.dtype(np.complex128)}
-
-
-def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.integer]) -> NDArray[np.floating]:
-    """Components as rows (x, y), that of disc ids[k] from place k.
-
-    Each row is one write: of many discs, most lie where no cache has them.
-    """
-    rows, found = np.empty(len(x), _PAIR[x.dtype]), np.empty(len(x), _PAIR[x.dtype])
-    rows.real, rows.imag = x, y
-    found[ids.astype(np.intp, copy=False)] = rows  # NumPy would convert them one by one
-    return found.view(x.dtype).reshape(-1, 2)
+def _pairs_by_id(x: NDArray[Any], y: NDArray[Any], ids: NDArray[np.int32]) -> NDArray[np.floating]:
+    """Components as rows (x, y), that of disc ids[k] from place k."""
+    found = np.empty((len(x), 2), x.dtype)
+    put_in_order(x, y, ids, found)
+    return found
 
 
 class AsTheyLay(ChunkedArray):
@@ -296,7 +290,6 @@ class GridSolver(SteppedSolver, CollisionLog):
         """Copies of positions and velocities as they lie in the block, of the discs of these numbers; None: of all."""
         x, y, vx, vy, ids = self._as_they_lie()
         if numbers is None:
-            ids = ids.astype(np.intp)
             return _pairs_by_id(x, y, ids), _pairs_by_id(vx, vy, ids)
         slots = self._slots_of(numbers)
         position, velocity = np.empty((2, len(slots), 2), x.dtype)

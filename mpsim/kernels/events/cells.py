@@ -103,10 +103,9 @@ def cell_beyond(i, axis, direction, store, box, features):
 def brought_back(flown, radius, axis, box):
     """Positions [length] of shape (N,) along an axis inside the box, and by how many periods: (positions, periods)."""
     length, _, periodic = along(axis, box)
-    # Only rounding can have put a centre beyond a limit.
-    inside = np.mod(flown, length) if periodic else np.clip(flown, radius, length - radius)
-    if not periodic:
-        return inside, np.zeros(len(flown), np.int64)
+    if not periodic:  # only rounding can have put a centre beyond a limit
+        return np.minimum(np.maximum(flown, radius), length - radius), 0
+    inside = np.mod(flown, length)
     inside[inside == length] = 0.0
     # If a position is not finite, or has no digit in the box, no period is counted.
     periods = np.rint((flown - inside) / length)

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mpsim.kernels.compiling import copy_entry, inlined, linked, slice_of, swap_entries
+from mpsim.kernels.compiling import compiled, copy_entry, inlined, linked, slice_of, swap_entries
 from mpsim.kernels.features.hooks import after_binning
 from mpsim.kernels.frame.motion import move_block, note_not_finite
 from mpsim.kernels.machine import LANES, RUN, add_to_lanes, changed_lanes, copy_lanes, lowest_bit, nonnegative, now
@@ -524,3 +524,14 @@ def begin_sort(source, target, start, changes, team, sent, worker, control):
         return slot, end, True
     sort_anew(source, target, start, changes, team, worker, control, slot, end)
     return slot, end, False
+
+
+# --- Discs in the order of their numbers, for what reads a state
+
+
+@compiled
+def put_in_order(x, y, number, out):
+    """Components of discs as rows (x, y) in the order of their numbers: number int32, shape (N,); out shape (N, 2)."""
+    for i in range(number.size):
+        at = nonnegative(np.intp(number[i]))
+        out[at, 0], out[at, 1] = x[i], y[i]
