@@ -30,6 +30,7 @@ from mpsim.features.feature import (
     is_inelastic,
     mean_mass,
 )
+from mpsim.features.obstacles import Circle
 from mpsim.kernels import records
 from mpsim.measure import observables
 from mpsim.measure.observables import parts
@@ -361,6 +362,13 @@ def _fills(scene: Scene, axis: int) -> bool:
     return not scene.periodic[axis] and (scene.width, scene.height)[axis] <= 2 * scene.largest_radius
 
 
+def _has_container(scene: Scene) -> bool:
+    """Whether a container keeps discs from all walls of the box."""
+    half = np.array([scene.width, scene.height]) / 2
+    rings = [each for each in scene.obstacles if isinstance(each, Circle) and each.inside]
+    return any((np.abs(np.subtract(each.centre, half)) + each.radius <= half).all() for each in rings)
+
+
 def _has_sizes_between_walls(scene: Scene) -> bool:
     return scene.smallest_radius < scene.largest_radius and not all(scene.periodic)
 
@@ -399,6 +407,12 @@ _REFUSALS: tuple[tuple[Callable[[Scene], bool], tuple[str, ...], str, str], ...]
         ("pressure", "virial", "energy_drift"),
         "moving walls (a piston), which do work and change the box",
         "Run until the piston rests, and measure in a scene without it, made of sim.state, in a box of that size.",
+    ),
+    (
+        _has_container,
+        ("pressure",),
+        "a container, which keeps discs from the walls",
+        "Use a Sensor(obstacle=...) on it: its impulse over length and time.",
     ),
     *((of.is_in, each.measures, each.what, each.remedy) for of in FEATURES for each in of.invalidates),
     (

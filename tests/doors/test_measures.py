@@ -82,6 +82,9 @@ FLOWING = [*VIRIALS, "collision_rate", "contact_rate", "energy_drift", "momentum
 REFUSED = {
     "gravity": ({"gravity": (0, -1)}, [*VIRIALS], "gravity and acceleration"),
     "obstacles": ({"obstacles": FixedDisc((8, 8), 1)}, [*VIRIALS, "momentum_drift"], "obstacles"),
+    "a container": ({"obstacles": mpsim.Circle((4, 4), 4, inside=True)}, ["pressure", *VIRIALS, "momentum_drift"], ""),
+    "a wall that runs": ({"piston": Piston("left", surface_velocity=1), "wall_friction": 0.5},
+                         [*VIRIALS, *DRIFTS], ""),
     "losses under gravity": ({"restitution": 0.9, "gravity": (0, -1)}, [*VIRIALS, "collision_rate"], ""),
     "sizes": ({"radius": [0.5, 0.4]}, [*VIRIALS], "several sizes"),
     "piston": ({"piston": Piston("left", 1, 3)}, ["pressure", *VIRIALS, "energy_drift"], "piston"),
