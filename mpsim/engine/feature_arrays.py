@@ -95,11 +95,11 @@ def unit_of_work(scene: Scene, dt: float) -> float:
 def typical_momentum(scene: Scene, dt: float) -> float:
     """What impulses are counted in: a momentum like those that discs have or come to have [mass length/time], > 0.
 
-    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters, a wall or a
-    thermostat set in motion. Where nothing can move by itself: of a disc that moves its radius in a step of dt [time].
+    The largest of the mean at the start, that of a fall through the box, and those of discs that emitters, surfaces or
+    a thermostat set in motion. Where nothing can move by itself: of one that moves its radius in a step of dt [time].
     """
     mass, fall = mean_mass(scene), math.sqrt(acceleration_bound(scene) * max(scene.width, scene.height))
-    speeds = [fall, thermal_speed(scene), scene._surface_speed]
+    speeds = [fall, thermal_speed(scene), scene._driving_speed]
     momenta = [_rms_momentum(scene)]
     if scene.emitters:
         masses = np.array([1.0 if emitter.mass is None else emitter.mass for emitter in scene.emitters])

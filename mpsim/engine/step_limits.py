@@ -52,7 +52,7 @@ def check_precision(scene: Scene, settings: Settings) -> None:
         checks.not_vanishing("radius", smallest, 1e4 * math.sqrt(tiny), precision)
     checks.not_vanishing("dt / substeps", settings.dt / settings.substeps, tiny, precision)
     checks.fitting("dt", np.array([settings.dt]), precision)
-    checks.fitting("speed of a wall", np.array([wall.speed for wall in scene._moving_walls]), precision)
+    checks.fitting("speed of a surface", np.array([scene._driving_speed]), precision)
     fastest = 0.0
     for first, velocity in scene._velocities_in_pieces():
         fastest = max(fastest, checks.fitting("velocity", velocity, precision, first))

@@ -177,6 +177,10 @@ class Feature:
         """The highest speed of a surface that it moves [length/time]."""
         return max((wall.speed for wall in self.moving_walls(scene)), default=0.0)
 
+    def running_speed(self, scene: Scene) -> float:
+        """The highest speed at which a surface of it runs along itself [length/time]."""
+        return 0.0
+
     def works(self, scene: Scene) -> tuple[int | str, ...]:
         """What of it does work on discs or heats them, as `Simulation.work` names it."""
         return ()

@@ -352,6 +352,9 @@ class Obstacles(Feature):
         moving = ((each, each.motion) for each in self.of(scene) if each.moves)
         return max((motion.fastest(capsules_of((each,))) for each, motion in moving if motion), default=0.0)
 
+    def running_speed(self, scene: Scene) -> float:
+        return max((abs(each.along) for each in self.of(scene)), default=0.0)
+
     def works(self, scene: Scene) -> tuple[int | str, ...]:
         return tuple(k for k, each in enumerate(self.of(scene)) if each.motion is not None or each.surface_velocity)
 

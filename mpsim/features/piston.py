@@ -41,7 +41,7 @@ class Piston:
         motion: instead of speed and stop: a Translation, an Oscillation or a Path at right angles to the wall, in and
             out as it likes. It must stay in the box, and all discs must fit where it is farthest in.
         surface_velocity: at which the wall runs along itself, along x or y, acting through wall_friction, as in a shear
-            cell [length/time]; alone or with one of the others.
+            cell [length/time]; alone or with one of the others. 0: the wall is at rest.
 
     Raises:
         InputError: naming the argument, its rule and the value received.
@@ -57,12 +57,12 @@ class Piston:
     stop: float | None = None
     start: float | None = None
     motion: Movement | None = None
-    surface_velocity: float = 0.0
+    surface_velocity: float | None = None
 
     def __post_init__(self) -> None:
         checks.choice("wall of a Piston", self.wall, EDGES)
         checks.keep_fields(self, surface_velocity=checks.finite)
-        if self.surface_velocity and self.speed is self.stop is self.motion is None:
+        if self.surface_velocity is not None and self.speed is self.stop is self.motion is None:
             checks.keep_fields(self, start=partial(checks.non_negative, unit="[length]"))
             return
         if (self.speed is None, self.stop is None) != (self.motion is not None,) * 2:
@@ -180,7 +180,7 @@ class PistonFeature(Feature):
             if 2 * largest > left:
                 raise InputError(
                     f"{_limit(piston)} of the {wall.name} must leave room for the largest disc, of diameter "
-                    f"{2 * largest:g}; got {wall.innermost:g}, which leaves {left:g}. Let it stop earlier."
+                    f"{2 * largest:g}; got {wall.innermost:g}, which leaves {left:g}. Put it farther out."
                 )
         ending = [emitter for emitter in scene.emitters if emitter.limit is not None]
         radii = np.array([emitter.radius or largest for emitter in ending], float)
@@ -200,7 +200,7 @@ class PistonFeature(Feature):
         length = (scene.width, scene.height)[edge // 2]
         record = np.zeros(1, moving_wall_in(np.float64))[0]
         record.home, record.low, record.high = home, max(low, 0.0), min(high, length)
-        record.running, record.end, knots = piston.surface_velocity, home, np.zeros((0, 3))
+        record.running, record.end, knots = piston.surface_velocity or 0.0, home, np.zeros((0, 3))
         name = "piston" if piston is self.of(scene) else f"{piston.wall} piston"
         if motion is piston.speed is None:
             return MovingWall(name, edge, record, knots)
@@ -230,6 +230,9 @@ class PistonFeature(Feature):
         margin = 0.0 if has_radii(scene) else scene.largest_radius
         walls["margin"] = margin, -margin, margin, -margin
         return {"wall": walls, "knots": np.concatenate(tables)}
+
+    def running_speed(self, scene: Scene) -> float:
+        return max((abs(wall.record.running) for wall in self.moving_walls(scene)), default=0.0)
 
     def works(self, scene: Scene) -> tuple[int | str, ...]:
         return tuple(EDGES[wall.edge] for wall in self.moving_walls(scene) if wall.speed or wall.record.running)
@@ -273,7 +276,7 @@ def _way_in_words(piston: Piston) -> Iterator[str]:
 
 
 def _limit(piston: Piston) -> str:
-    return "stop" if piston.motion is None else "motion"
+    return "motion" if piston.motion is not None else "stop" if piston.stop is not None else "start"
 
 
 def _demand_room(scene: Scene, name: str, radius: Floats, number: Floats) -> None:

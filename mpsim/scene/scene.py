@@ -740,6 +740,12 @@ class Scene(ReadOnly):
         return max((feature.surface_speed(self) for feature in self._features), default=0.0)
 
     @functools.cached_property
+    def _driving_speed(self) -> float:
+        """The highest speed to which a surface can drive discs, also along itself [length/time]; 0: none moves."""
+        running = max((feature.running_speed(self) for feature in self._features), default=0.0)
+        return max(self._surface_speed, running)
+
+    @functools.cached_property
     def _works(self) -> tuple[int | str, ...]:
         """What does work on discs or heats them, as `Simulation.work` names it; () if nothing does."""
         return tuple(name for feature in self._features for name in feature.works(self))

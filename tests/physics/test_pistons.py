@@ -302,6 +302,29 @@ def test_a_perfectly_rough_gas_between_walls_that_run_gains_their_work(how):
     assert energies == pytest.approx([40.0, 40.0], rel=1e-9)
 
 
+@pytest.mark.parametrize("how", SHEARED, ids=str)
+def test_work_is_counted_for_walls_that_run_far_faster_than_discs_begin(how):
+    """Also where they alone set discs in motion; at 0 the wall is at rest."""
+    found = {}
+    for speed in (1.5, 0.0):
+        scene = scene_of([[2, 1]], [[0, 0]], 4, 4, wall_friction=0.05, piston=Piston("bottom", surface_velocity=speed))
+        with simulate(scene, **{"dt": 1 / 64, **how}) as sim:
+            sim.run(frames=1)
+            sim.set(0, velocity=(0, -4))
+            sim.run(until=0.5)
+            found[speed] = sim.work, sim.state.velocity[0].tolist()
+    assert found[1.5][0] == pytest.approx({"bottom": 1.5 * 0.05 * 8}, rel=1e-9)
+    assert found[0.0] == ({}, [0.0, 4.0])
+
+
+def test_walls_that_run_and_drive_a_disc_in_a_corner_without_end_are_named():
+    belts = [Piston("top", surface_velocity=2), Piston("right", surface_velocity=1)]
+    rough = {"wall_friction": np.inf, "tangential_restitution": 1}
+    scene = scene_of([[5, 5]], [[1, 0.3]], 10, 10, radius=0.3, piston=belts, **rough)
+    with exactly(scene) as sim, pytest.raises(mpsim.errors.StalledError, match=r"disc 0 is driven to .* in a corner"):
+        sim.run(until=100)
+
+
 # --- edges that absorb: times and places of leaving in closed form
 
 

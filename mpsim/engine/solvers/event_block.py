@@ -99,7 +99,7 @@ def refuse_extremes(scene: Scene, velocity: NDArray[np.floating], dt: float) -> 
             f"vanish; the fastest is {fastest:g}. Choose other units of time."
         )
     fall = math.sqrt(gravity_strength(scene) * scene.height)
-    push = 2 * scene._surface_speed
+    push = 2 * scene._driving_speed
     crossings = (fastest + fall + push) * dt / max(scene.width, scene.height)
     if crossings > MOST_CROSSINGS and fastest < LONGEST:  # which is refused with its disc
         raise InputError(
@@ -112,7 +112,7 @@ def units_of(scene: Scene, dt: float) -> tuple[float, float]:
     """Units of sums of impulses [mass length/time] and of virials [mass length^2/time]: powers of two."""
     diameter = 2 * scene.largest_radius or 1.0
     mass = float(scene.masses.max(initial=0.0)) or 1.0
-    impulse = mass * (_typical_speed(scene) or diameter / dt)
+    impulse = mass * (max(_typical_speed(scene), scene._driving_speed) or diameter / dt)
     coarse = math.ldexp(COARSE, math.frexp(impulse)[1])
     return coarse, math.ldexp(coarse, math.frexp(diameter)[1])
 
@@ -129,37 +129,43 @@ def longest_contact_time(scene: Scene) -> float:
 
 
 def crushing_speed_of(scene: Scene, velocity: NDArray[np.floating], least: float | None = None) -> float | None:
-    """Speed of a disc that a wall or an obstacle crushes [length/time]; None where nothing moves.
+    """Speed of a disc that surfaces crush or drive without end [length/time]; None where none moves.
 
     velocity: of discs that are there or come in [length/time]. least: the speed so far.
     """
-    if not scene._surface_speed:
+    if not scene._driving_speed:
         return None
     fall = math.sqrt(2 * gravity_strength(scene) * (scene.width + scene.height))
-    fastest = max(_typical_speed(scene), float(np.abs(velocity).max(initial=0.0)), fall)
+    fastest = max(_typical_speed(scene), scene._driving_speed, float(np.abs(velocity).max(initial=0.0)), fall)
     return max(CRUSHING * fastest, least or 0.0)
 
 
 def crushed(scene: Scene, time: float, disc: int, frame: int, now: State, radius: float) -> StalledError:
-    """The error for a disc that a wall or an obstacle has made so fast by a time [time], with the state of all then."""
+    """The error for a disc that surfaces have made so fast by a time [time], with the state of all then."""
     name, what, speed = "obstacle", "an obstacle that moves", math.hypot(*now.velocity[disc].tolist())
+    fast = f"a speed of {speed:.3g}, more than {CRUSHING:g} times any at the start"
     between = " and ".join(
         [*surfaces_near(scene, now.position[disc].astype(np.float64), radius, time), "other discs"][:2]
     )
+    if any(feature.running_speed(scene) for feature in scene._features):
+        return StalledError(
+            f"disc {disc} is driven to {fast}, in frame {frame} between {between}: surfaces that run along themselves "
+            "and meet in a corner, or leave no room, do so without end. Use a smaller surface_velocity, wall_friction "
+            "or wall_restitution, or keep what runs or moves farther apart."
+        )
     for wall in scene._moving_walls[:1]:
         way = "" if math.isinf(wall.rests) else f" and on its way to {wall.record.end:g}"
         name, what = wall.name, f"the {wall.name}, now at {wall.place(time):.6g}{way},"
     return StalledError(
-        f"disc {disc} is crushed in frame {frame} between {between}: {what} leaves it no room, and has driven it to a "
-        f"speed of {speed:.3g}, more than {CRUSHING:g} times any at the start. Let the {name} stop earlier, or make "
-        "room for the discs before it."
+        f"disc {disc} is crushed in frame {frame} between {between}: {what} leaves it no room, and has driven it to "
+        f"{fast}. Let the {name} stop earlier, or make room for the discs before it."
     )
 
 
 def stalled(scene: Scene, dt: float, disc: int, frame: int, contact_time: float) -> StalledError:
     """The error for a disc that collides without end at one instant."""
     what = f"disc {disc} collided without end at one instant of frame {frame}. Time must pass between collisions"
-    moving = "".join(f", let the {wall.name} stop earlier" for wall in scene._moving_walls[:1])
+    moving = "".join(f", let the {wall.name} stop earlier" for wall in scene._moving_walls[:1] if wall.speed)
     if not is_inelastic(scene) and scene.gravity is None:
         return StalledError(
             f"{what}, but the disc touches others or walls on all sides, as in a crystal without gaps, and no "
@@ -311,7 +317,7 @@ def shapes(scene: Scene, count: int) -> Specs:
     found: Specs = {name: (array.dtype, array.shape) for name, array in blank.items()}
     found |= {saved: columns[name] for saved, name in _saved_columns(scene).items()}
     totals = records.numbers(np.empty((), records.TOTALS))
-    if scene._surface_speed:
+    if scene._driving_speed:
         found[CRUSHING_SPEED] = (np.dtype(np.float64), (1,))
     return found | {"seen": (totals.dtype, totals.shape), "units": (np.dtype(np.float64), (2,))}
 

@@ -173,12 +173,13 @@ def process_event(i, now, store, box, features, watch):
     else:
         advance_to(disc[i], now, features.gravity)
         side = np.int64(event[i].side)
-        if hit_surface(i, now, side, store, box, features):
-            if is_crushed(features.crushing_speed, features.moving_wall, side, disc[i]):
-                return np.int64(i)
-            side = np.int64(-1)
-        elif is_wall(side, event[i].cell, box):
+        met = hit_surface(i, now, side, store, box, features)
+        if not met and is_wall(side, event[i].cell, box):
             hit_wall(i, now, side, store, box, features)
+            met = True
+        if met:
+            if is_crushed(features.crushing_speed, disc[i]):
+                return np.int64(i)
             side = np.int64(-1)
         else:
             cross(i, side, store, box, features)

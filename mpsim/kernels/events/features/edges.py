@@ -6,7 +6,7 @@ from mpsim.kernels.compiling import inlined, linked
 from mpsim.kernels.events.features.bodies import MOST_STEPS, TOUCH, next_jump, step_to_contact
 from mpsim.kernels.events.features.properties import component, radius_of
 from mpsim.kernels.events.flight import INFINITY, time_to_limit
-from mpsim.kernels.events.records import FIRST_BODY, LOOK, MOVING_WALL
+from mpsim.kernels.events.records import LOOK, MOVING_WALL
 from mpsim.kernels.features.bodies import OSCILLATION, place_of_wall, velocity_of_wall
 
 # --- Edges that absorb discs: a disc that touches one stays there, at rest, in no cell, and has no further event
@@ -52,15 +52,11 @@ def is_moving_wall(moving_wall, side):
 
 
 @inlined
-def is_crushed(crushing_speed, moving_wall, side, disc):
-    """Whether a disc leaves `side` of its event, a wall or a body, so fast that it is crushed: no solver can follow."""
+def is_crushed(crushing_speed, disc):
+    """Whether a disc leaves a surface so fast that surfaces that move crush it, or drive it: no solver can follow."""
     if crushing_speed is None:
         return False
-    if side >= FIRST_BODY:
-        return disc.velocity[0] ** 2 + disc.velocity[1] ** 2 > crushing_speed * crushing_speed
-    if is_moving_wall(moving_wall, side):
-        return abs(disc.velocity[(side - MOVING_WALL) >> 1]) > crushing_speed
-    return False
+    return disc.velocity[0] ** 2 + disc.velocity[1] ** 2 > crushing_speed * crushing_speed
 
 
 @inlined
