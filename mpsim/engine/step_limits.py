@@ -302,9 +302,9 @@ class StepLimits:
         """Warn, before anything is run, of overlaps, lost digits, and speeds, unless these are refused."""
         scene = self._scene
         # Without steps, discs that overlap each other are refused when they are placed.
-        if found := scene.overlaps_at_start() if self._has_steps else overlap_of_obstacles(scene):
+        if overlaps := scene.overlaps_at_start() if self._has_steps else overlap_of_obstacles(scene):
             then = "The first frames push them apart" if self._has_steps else "method='event' lets them leave"
-            text = f"{found}. {then}. To avoid this, give positions that leave room for the discs."
+            text = f"{overlaps}. {then}. To avoid this, give positions that leave room for the discs."
             notices.warn(text, OverlapWarning)
         self.at_resume(notices)
         if not self._has_steps:

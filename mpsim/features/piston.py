@@ -61,17 +61,16 @@ class Piston:
 
     def __post_init__(self) -> None:
         checks.choice("wall of a Piston", self.wall, EDGES)
-        checks.keep_fields(self, surface_velocity=checks.finite)
-        if self.surface_velocity is not None and self.speed is self.stop is self.motion is None:
-            checks.keep_fields(self, start=partial(checks.non_negative, unit="[length]"))
-            return
-        if (self.speed is None, self.stop is None) != (self.motion is not None,) * 2:
-            given = [name for name in ("speed", "stop", "motion") if getattr(self, name) is not None]
+        ways = [name for name in ("speed", "stop", "motion") if getattr(self, name) is not None]
+        if ways not in (["speed", "stop"], ["motion"]) and (ways or self.surface_velocity is None):
             raise InputError(
                 "a Piston must have either a speed and a stop, or a motion, or a surface_velocity alone; got "
-                f"{' and '.join(given) or 'none of them'}. Give those of one way."
+                f"{' and '.join(ways) or 'none of them'}. Give those of one way."
             )
         checks.keep_fields(self, start=partial(checks.non_negative, unit="[length]"), speed=checks.finite)
+        checks.keep_fields(self, surface_velocity=checks.finite)
+        if not ways:
+            return
         if (speed := self.speed) is None:
             self._check_motion()
             return

@@ -39,18 +39,20 @@ def overlaps_in_words(scene: Any) -> str:
             if pairs.pairs == 1
             else f"{pairs.pairs} pairs of discs overlap at the start, {discs} deepest, by {pairs.largest:.3g}"
         )
-    return "; ".join([*words, *filter(None, [overlap_of_obstacles(scene)])])
+    return "; ".join(filter(None, [*words, overlap_of_obstacles(scene)]))
 
 
 def overlap_of_obstacles(scene: Any) -> str:
     """Overlaps of discs with obstacles in words; "" without any."""
-    found = None if scene._on_lattice is not None else scene._deepest(scene.position, scene.radii)
-    if found is None:
+    deepest = None if scene._on_lattice is not None else scene._deepest(scene.position, scene.radii)
+    if deepest is None:
         return ""
-    if found.number == 1:
-        return f"disc {found.disc} overlaps {found.where} at the start, by {found.depth:.3g}"
-    deepest = f"disc {found.disc} and {found.where} deepest, by {found.depth:.3g}"
-    return f"{found.number} discs overlap an obstacle at the start, {deepest}"
+    if deepest.number == 1:
+        return f"disc {deepest.disc} overlaps {deepest.where} at the start, by {deepest.depth:.3g}"
+    return (
+        f"{deepest.number} discs overlap an obstacle at the start, disc {deepest.disc} and {deepest.where} deepest, "
+        f"by {deepest.depth:.3g}"
+    )
 
 
 # --- The box, and parts of it

@@ -55,8 +55,9 @@ AT_ONE_POINT = mpsim.Scene(width=30, height=30, position=rows(9), velocity=np.ze
 def test_parallel_is_grid(scene, settings):
     scene, settings = scene(), {"dt": 0.03, **settings}
     expected = state_after(scene, 30, method="grid", **settings)
+    least = 2000 if scene.count == 4000 else 0
     with simulate(scene, method="parallel", workers=3, **settings) as sim:
-        assert sim.run(frames=30).collisions > 0, "no contacts, which tests nothing"
+        assert sim.run(frames=30).collisions > least, "too few contacts, which tests nothing"
         assert_same_bits(sim.state, expected, f"{scene!r}, {settings}")
 
 

@@ -101,13 +101,13 @@ PARTS = {
     "a piston that stops nowhere": (lambda: Piston("left", 1, 0), ["stop of a Piston", "> 0"]),
     "speed and motion": (
         lambda: Piston("left", 1.0, motion=Translation((1, 0), 3)),
-        ["a Piston must have either a speed and a stop, or a motion, or a surface_velocity alone; got speed and"],
+        ["a Piston must have either a speed and a stop, or a motion, or", "alone; got speed and motion"],
     ),
     "a piston at rest": (
         lambda: Piston("left"),
         ["either a speed and a stop, or a motion, or a surface_velocity alone; got none of them"],
     ),
-    "a speed alone": (lambda: Piston("left", 1.0), ["or a motion, or a surface_velocity alone; got speed."]),
+    "a speed alone": (lambda: Piston("left", 1.0), ["either a speed and a stop, or a motion", "alone; got speed."]),
     "a piston that turns": (
         lambda: Piston("left", motion=Rotation((0, 0), 1)),
         ["motion of a Piston must not be a Rotation", "Polyline"],

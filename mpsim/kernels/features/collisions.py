@@ -260,27 +260,15 @@ def log_capsule(log, discs, i, owner, nx, ny, change, sliding, time, features, p
 
 
 @inlined
-def count_work_along(moving_wall, discs, i, x, y, sliding, features):
-    """Add the work of walls that run along themselves on a disc that has hit them; sliding: of `friction.on_walls`."""
-    if moving_wall is not None:
-        for edge, met, change in (
-            (LEFT, x.low_change, sliding[0]), (RIGHT, x.high_change, sliding[0]),
-            (BOTTOM, y.low_change, sliding[1]), (TOP, y.high_change, sliding[1]),
-        ):  # fmt: skip
-            if met > 0 and change != 0 and not is_absent(features.exits, discs.id[i]):
-                add_work(features.work, edge, discs.id[i], change * moving_wall.wall[edge].running, features.mass)
-
-
-@inlined
 def on_walls(discs, i, x, y, in_flight, features, parameters, control):
     """Contact of a disc with the walls of the box that it has reached.
 
     x, y: its contacts along each axis, of `WallContact`. in_flight: None while contacts are resolved, when coordinates
-    along periodic axes are left unchanged.
+    along periodic axes are left unchanged. Returns the changes of its velocity by friction, as `friction.on_walls`.
     """
     sliding = friction.on_walls(features.wall_friction, discs, i, x, y, in_flight, features, parameters, control)
-    count_work_along(features.moving_wall, discs, i, x, y, sliding, features)
     log_walls(features.log, discs, i, x, y, sliding, features, parameters, control)
+    return sliding
 
 
 @inlined

@@ -64,15 +64,17 @@ def count_impulses(x, y, disc, features, parameters, control, tally, frame):
 
 
 @inlined
-def count_work(moving_wall, x, y, disc, features, parameters):
-    """Add the work of the walls that a disc has hit along x and along y, if any wall moves."""
+def count_work(moving_wall, x, y, sliding, disc, features, parameters):
+    """Add the work of the walls that a disc has hit along x and along y, if any wall moves; sliding: of `on_walls`."""
     if moving_wall is not None:
-        for edge, met, change in (
-            (LEFT, x, x.low_change), (RIGHT, x, -x.high_change), (BOTTOM, y, y.low_change), (TOP, y, -y.high_change),
+        for edge, met, change, along in (
+            (LEFT, x, x.low_change, sliding[0]), (RIGHT, x, -x.high_change, sliding[0]),
+            (BOTTOM, y, y.low_change, sliding[1]), (TOP, y, -y.high_change, sliding[1]),
         ):  # fmt: skip
             if change != 0 and not is_absent(features.exits, disc):
                 speed, acceleration = wall_motion(features.moving_wall, edge, parameters)
-                add_work(features.work, edge, disc, change * (speed - acceleration * met.time), features.mass)
+                power = change * (speed - acceleration * met.time) + along * moving_wall.wall[edge].running
+                add_work(features.work, edge, disc, power, features.mass)
 
 
 @inlined
@@ -84,8 +86,8 @@ def commit_wall_contact(discs, i, x, y, in_flight, features, parameters, control
     discs.x[i], discs.y[i], discs.vx[i], discs.vy[i] = x.position, y.position, x.velocity, y.velocity
     x, y = redraw_at_walls(features.thermal_walls, discs, i, x, y, in_flight, features, parameters, control)
     count_impulses(x, y, discs.id[i], features, parameters, control, tally, frame)
-    count_work(features.moving_wall, x, y, discs.id[i], features, parameters)
-    on_walls(discs, i, x, y, in_flight, features, parameters, control)
+    sliding = on_walls(discs, i, x, y, in_flight, features, parameters, control)
+    count_work(features.moving_wall, x, y, sliding, discs.id[i], features, parameters)
 
 
 @inlined
