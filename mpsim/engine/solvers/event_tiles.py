@@ -32,9 +32,6 @@ from mpsim.kernels.records import ABORT, RUNNING
 
 # --- The program of workers
 
-PATIENCE = 100_000_000
-"""Nanoseconds after which a command ends with the window in hand: several tiles, as workers wait for the last one."""
-
 WAITING = "waiting."
 """Before the names of the arrays in which discs wait until all tiles agree."""
 
@@ -90,7 +87,7 @@ def _idle_call(arguments: TileArguments, worker: int, linger: int) -> tuple[Any,
     progress: Any = np.zeros((), records.PROGRESS)[()]
     seen: Any = np.zeros((), records.TOTALS)[()]
     times, totals = np.zeros((1, 0), np.int64), np.zeros(0, records.TOTALS)
-    command: Any = np.array((0, PATIENCE, math.inf), records.COMMAND)[()]
+    command: Any = np.array((0, 0, math.inf), records.COMMAND)[()]
     return (*arguments, command, progress, seen, times, totals, worker, linger)
 
 
@@ -112,6 +109,9 @@ TILES = Program(_load, _call)
 
 
 # --- Runs windows of time on the tiles of the exact solver, with its workers
+
+PATIENCE = 100_000_000
+"""Nanoseconds after which a command ends with the window in hand: several tiles, as workers wait for the last one."""
 
 
 class Windows:

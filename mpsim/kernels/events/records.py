@@ -251,6 +251,7 @@ TILE = _record(
 PLAN = _record(
     np.int64,
     ("next", 1),  # the tile to be played next
+    "deadline",  # of the command: time after which no worker begins a tile [ns]
     "running",  # 1: there is a window to play
     "paused",  # 1: the last command left it before all tiles were played
     "stops",  # 1: the command is to stop at its end

@@ -389,15 +389,15 @@ def clear_counts(whole, shared, own, worker):
 
 
 @linked
-def play_tiles(whole, features, box, shared, own, worker, deadline):
-    """One worker's share of a window: tiles, while there are any and there is time [ns]."""
+def play_tiles(whole, features, box, shared, own, worker):
+    """One worker's share of a window: tiles, while there are any and there is time."""
     counter, counts, mine = own.store.counter, shared.counts[worker], shared.team[worker]
     if shared.plan.paused == 0:
         clear_counts(whole, shared, own, worker)
     number = atomic_add(shared.plan.next, 0, 1)
     while number < shared.tiles.size:
         play_one(number, whole, features, box, shared, own, worker)
-        if now(mine.clock) > deadline:
+        if now(mine.clock) > shared.plan.deadline:
             break
         number = atomic_add(shared.plan.next, 0, 1)
     counts.walls, counts.guarded, counts.events = counter.walls, counter.guarded, counter.events
@@ -555,12 +555,12 @@ def goes_on(plan, times, command):
 
 
 @linked
-def begin_window(whole, shared, command, deadline, progress):
+def begin_window(whole, shared, command, progress):
     """Plan the next window, if there is one. By worker 0."""
     plan, mine = shared.plan, shared.team[0]
     if plan.done == command.frames:
         plan.status = REACHED
-    in_time = plan.played == 0 or now(mine.clock) < deadline
+    in_time = plan.played == 0 or now(mine.clock) < plan.deadline
     plan.running = plan.status == PAUSED and in_time
     plan.paused = plan.running and plan.paused and goes_on(plan, shared.times, command)
     if plan.running:
@@ -639,11 +639,11 @@ def barrier_of(control, mine):
 
 
 @linked
-def work(whole, box, features, shared, own, worker, deadline):
+def work(whole, box, features, shared, own, worker):
     """One worker's share of a window. Returns AGREED, DIFFERENT, LEFT or ABORTED."""
     control, mine = shared.control, shared.team[worker]
     began = now(mine.clock)
-    play_tiles(whole, features, box, shared, own, worker, deadline)
+    play_tiles(whole, features, box, shared, own, worker)
     shared.busy[worker] += now(mine.clock) - began
     if barrier_of(control, mine) != RUNNING:
         return ABORTED
@@ -661,17 +661,17 @@ def work(whole, box, features, shared, own, worker, deadline):
 
 
 @linked
-def play_window(whole, box, features, shared, own, command, deadline, progress, seen, times, totals, worker):
+def play_window(whole, box, features, shared, own, command, progress, seen, times, totals, worker):
     """One window, if there is one, as `work`; LEFT if there is none."""
     plan, control, mine = shared.plan, shared.control, shared.team[worker]
     began = now(mine.clock)
     if worker == 0:
-        begin_window(whole, shared, command, deadline, progress)
+        begin_window(whole, shared, command, progress)
     if barrier_of(control, mine) != RUNNING:
         return ABORTED
     if plan.running == 0:  # it may change once all have seen that
         return LEFT if barrier_of(control, mine) == RUNNING else ABORTED
-    outcome = work(whole, box, features, shared, own, worker, deadline)
+    outcome = work(whole, box, features, shared, own, worker)
     if worker == 0 and outcome != ABORTED:
         progress.spent += now(mine.clock) - began
         end_window(whole, box, features, shared, own, command, outcome, progress, seen, times, totals)
@@ -693,14 +693,12 @@ def run_windows(
         heard = next_command(shared.control, mine, worker, linger)
         if heard != RUNNING:
             return 0, heard, -1
-        deadline = now(mine.clock) + command.patience
         if worker == 0:
+            plan.deadline = now(mine.clock) + command.patience
             plan.done, plan.played, plan.status, plan.particle = 0, 0, PAUSED, -1
         outcome = AGREED
         while outcome != LEFT:
-            outcome = play_window(
-                whole, box, features, shared, own, command, deadline, progress, seen, times, totals, worker
-            )
+            outcome = play_window(whole, box, features, shared, own, command, progress, seen, times, totals, worker)
             if outcome == ABORTED:
                 return 0, ABORTED, -1
         if worker == 0:
