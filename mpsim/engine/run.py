@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import signal
-import statistics
 import threading
 import time
 from collections import deque
@@ -262,6 +261,7 @@ class BatchSizer:
     def __init__(self, choices: tuple[int, ...], most_frames: int):
         self._most_frames = most_frames
         self._recent = {workers: deque(maxlen=TRIALS) for workers in choices}
+        self._median = dict.fromkeys(choices, math.inf)  # frame time of these slices [s]; infinite before the first
         self._next_trial = TRIAL_AFTER
         self.seconds_run: float = 0.0
         self.best: int = choices[0]
@@ -271,28 +271,26 @@ class BatchSizer:
         if len(self._recent) > 1:
             if self.seconds_run > self._next_trial:
                 self._next_trial = self.seconds_run + TRIAL_AFTER
-                self._recent[max(self._recent, key=self._median)].clear()
+                slowest = max(self._median, key=self._median.__getitem__)
+                self._recent[slowest].clear()
+                self._median[slowest] = math.inf
             for workers, recent in self._recent.items():
                 if len(recent) < TRIALS and not self._is_hopeless(workers):
-                    return workers, self._fit(TRIAL_SECONDS, self._median(workers), remaining)
-        return self.best, 1 if remaining == 1 else self._fit(MOST_SECONDS, self._median(self.best), remaining)
+                    return workers, self._fit(TRIAL_SECONDS, self._median[workers], remaining)
+        return self.best, 1 if remaining == 1 else self._fit(MOST_SECONDS, self._median[self.best], remaining)
 
     def _is_hopeless(self, workers: int) -> bool:
         """Whether so many workers need not be tried further."""
-        recent, others = self._recent[workers], (self._median(other) for other in self._recent if other != workers)
-        return len(recent) >= FEW_TRIALS and min(recent) > HOPELESS * min(others)
+        recent = self._recent[workers]
+        return len(recent) >= FEW_TRIALS and min(recent) > HOPELESS * min(self._median.values())
 
     def note(self, workers: int, frames: int, seconds_per_frame: float) -> None:
         """Note the time of a frame in the last slice: its median, which one late worker does not disturb [s]."""
         self.seconds_run += frames * seconds_per_frame
-        self._recent[workers].append(max(seconds_per_frame, 1e-9))
-        if len(self._recent) > 1:
-            self.best = min(self._recent, key=self._median)
-
-    def _median(self, workers: int) -> float:
-        """Frame time of the last slices on so many workers [s]; infinite before the first."""
         recent = self._recent[workers]
-        return statistics.median(recent) if recent else math.inf
+        recent.append(max(seconds_per_frame, 1e-9))
+        self._median[workers] = sorted(recent)[len(recent) // 2]
+        self.best = min(self._median, key=self._median.__getitem__)
 
     def _fit(self, seconds: float, seconds_per_frame: float, remaining: int) -> int:
         """Number of frames that take so many seconds; one where nothing is known yet."""

@@ -121,6 +121,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._borders: list[float] = []  # fraction of the discs before those of each worker but the first
+        self._dealt: tuple[int, ...] | None = None  # the workers, count and span of frames for which that was done last
         self._team = Team()
         self._capacity = max(scene.count, 1)
 
@@ -187,7 +188,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         team = arrays["team"]
         contacts = sum(team["collisions"].tolist())  # of a few workers: quicker than by NumPy
         self.too_fast: bool = any(team["fastest"].tolist())
-        if workers > 1 and (frames >= TIMED or arrays["times"][0, :frames].sum() >= LONG):
+        if workers > 1 and (frames >= TIMED or sum(map(sum, arrays["times"][0, :frames].tolist())) >= LONG):
             self._balance(arrays["times"][:workers, :frames, : records.WAIT], team["high"][:workers])
         counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
         return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters, 0, self.too_fast, self.logging)
@@ -234,6 +235,10 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _deal(self, workers: int) -> None:
         """Assign columns and a slice of the discs to each worker: whole columns once sorted."""
         team, grid, count = numbers_of(self._team.block)[1], self._grid, self.count
+        dealt = workers, count, self.frame // TIMED
+        if self._dealt == dealt and self._sorted_grid == grid:
+            return  # the kernel keeps slices that end with columns
+        self._dealt = dealt
         if workers == 1:
             alone = team[0]
             alone.first_column, alone.last_column, alone.low, alone.high = 0, grid.columns, 0, count
@@ -260,6 +265,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         taken, shares = np.append(0, busy.cumsum()), np.append(0, ends) / max(self.count, 1)
         equal = np.interp(np.linspace(0, taken[-1], len(taken)), taken, shares)
         self._borders = ((self._borders + equal[1:-1]) / 2).tolist()  # not from ends of columns: they would stay there
+        self._dealt = None
 
     # --- steps
 

@@ -73,6 +73,7 @@ class WorkerPool:
         self._context: Any = multiprocessing.get_context(start_method or "forkserver")
         self._control: Any = None
         self._team: Any = None
+        self._words: Any = None  # the signals of all, and of each worker: NumPy finds them slowly in its records
         self._connections: list[Connection] = []
         self._processes: list[Any] = []
         self.pids: list[int] = []
@@ -113,12 +114,14 @@ class WorkerPool:
 
     def _attach(self, block: SharedBlock) -> None:
         self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
+        self._words = self._control.signals, [mine.signals for mine in self._team]
 
     def wake(self) -> None:
         """Have the workers that sleep come. Ctrl-C may end it: the next call then gives them their cores back."""
-        for worker, (connection, pid) in enumerate(zip(self._connections, self.pids, strict=True), start=1):
-            nap = load_word(self._team[worker].signals, records.PARKED)
+        for worker, connection in enumerate(self._connections, start=1):
+            nap = load_word(self._words[1][worker], records.PARKED)
             if nap and nap != self._called.get(worker) and self._lost is None:  # a lost one's number may be another's
+                pid = self.pids[worker - 1]
                 cores = self._cores.setdefault(worker, cores_of(pid))
                 if nap > 0 and len(cores) > len(self.pids):
                     keep_off_this_core(pid, cores)
@@ -128,7 +131,7 @@ class WorkerPool:
 
     def run(self, kernel: Callable[[], Result]) -> Result:
         """Announce a command, wake the workers that sleep, and call the kernel, which gives the command itself."""
-        signals = self._control.signals
+        signals = self._words[0]
         store_word(signals, records.ANNOUNCED, load_word(signals, records.COMMAND) + 1)
         self.wake()
         try:
@@ -158,7 +161,7 @@ class WorkerPool:
     def stop(self) -> None:
         """End all workers, and wait until they are gone. May be called again, and whatever state they are in."""
         if os.getpid() != self._creator:  # a fork of the coordinator: the workers are not its own
-            self._control = self._team = None
+            self._control = self._team = self._words = None
             return
         if self._watcher.is_alive():
             os.write(self._watched_end, b"x")
@@ -185,7 +188,7 @@ class WorkerPool:
                 os.close(descriptor)
         self._watch_end = self._watched_end = -1
         self._processes, self.pids, self._connections = [], [], []
-        self._control = self._team = None
+        self._control = self._team = self._words = None
 
     def _start(self, worker: int) -> None:
         """Start one worker. Ctrl-C waits until it is recorded."""
