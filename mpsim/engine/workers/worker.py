@@ -182,16 +182,18 @@ def _serve(worker: int, connection: Connection, block: SharedBlock, program: Pro
     call = _join(worker, connection, block, program)
     naps, crowded = 0, 0  # and the nap until whose end it wakes on any core
     while True:
-        outcome = call()
+        outcome, message = call(), None
         if outcome == records.IDLE:
             naps += 1
-            _park(connection, block.arrays, worker, naps if naps > crowded else -naps)
-        elif outcome != records.MAILED:
+            message = _park(connection, block.arrays, worker, naps if naps > crowded else -naps)
+        elif outcome == records.MAILED:
+            # Counted as read before the pipe is looked at: a message that comes in between is announced once more.
+            block.arrays["team"][worker].mails = load_word(block.arrays["control"].signals, records.MAIL)
+        else:
             os._exit(0)  # the frame loop was aborted, and the coordinator knows why
-        # Counted as read before the pipe is looked at: a message that comes in between is announced once more.
-        block.arrays["team"][worker].mails = load_word(block.arrays["control"].signals, records.MAIL)
-        while connection.poll():
-            kind, *given = connection.recv()
+        while message is not None or connection.poll():
+            kind, *given = message or connection.recv()
+            message = None
             if kind == "stop":
                 os._exit(0)  # at once, views and all: a worker owns nothing that would need cleaning up
             if kind == "wake":
@@ -201,6 +203,8 @@ def _serve(worker: int, connection: Connection, block: SharedBlock, program: Pro
                         os.sched_setaffinity(0, cores)
                 if time.monotonic() - called > LATE and naps > crowded:
                     crowded = naps + UNASKED
+                if outcome == records.IDLE:
+                    break  # to the command at once; all other messages are announced
             if kind == "attach":
                 del call
                 block.close()
@@ -218,16 +222,18 @@ def _join(worker: int, connection: Connection, block: SharedBlock, program: Prog
     return program.call(block, worker)
 
 
-def _park(connection: Connection, arrays: dict[str, Any], worker: int, nap: int) -> None:
-    """Sleep in the pipe until a message comes, unless a command is announced.
+def _park(connection: Connection, arrays: dict[str, Any], worker: int, nap: int) -> Any:
+    """Sleep in the pipe until a message comes, unless a command is announced. Returns the message, or else None.
 
     Parked is said first and the announcement looked at second; the coordinator announces first and looks at parked
     second. Whatever the timing, one of the two sees the other, and no command is slept through.
     """
     control, mine = arrays["control"], arrays["team"][worker]
+    message = None
     store_word(mine.signals, records.PARKED, nap)
     if load_word(control.signals, records.ANNOUNCED) <= mine.commands:
-        wait([connection])
+        message = connection.recv()
     else:
         time.sleep(NAP)  # the coordinator lost its core between announcing the command and giving it
     store_word(mine.signals, records.PARKED, 0)
+    return message
