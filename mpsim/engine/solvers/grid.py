@@ -95,8 +95,11 @@ def naive_call(block: SharedBlock) -> Callable[[], int]:
     return known
 
 
-TIMED, LONG = 8, 20_000_000
-"""Frames or nanoseconds of a command whose times count, at least: in a single frame, a worker that wakes looks slow."""
+TIMED = 8
+"""Frames, of one command or several, whose times tell how to deal: in a single one, a worker that wakes looks slow."""
+
+SHORT, LONG = 100_000, 20_000_000
+"""Nanoseconds of a command that is so short that its times are not worth reading, or so long that they suffice."""
 
 FEW = 16
 """Discs that are fewer than one in so many are looked for in memory, so few one by one; else all are put in order."""
@@ -121,7 +124,9 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._borders: list[float] = []  # fraction of the discs before those of each worker but the first
-        self._dealt: tuple[int, ...] | None = None  # the workers, count and span of frames for which that was done last
+        self._dealt: tuple[int, ...] | None = None  # workers, count and span of frames for which that was done last
+        self._timed = 0  # frames since the borders moved,
+        self._busy = np.zeros(0, np.int64)  # and the shortest time of each worker in them
         self._team = Team()
         self._capacity = max(scene.count, 1)
 
@@ -188,8 +193,11 @@ class GridSolver(SteppedSolver, CollisionLog):
         team = arrays["team"]
         contacts = sum(team["collisions"].tolist())  # of a few workers: quicker than by NumPy
         self.too_fast: bool = any(team["fastest"].tolist())
-        if workers > 1 and (frames >= TIMED or sum(map(sum, arrays["times"][0, :frames].tolist())) >= LONG):
-            self._balance(arrays["times"][:workers, :frames, : records.WAIT], team["high"][:workers])
+        if workers > 1:
+            took = LONG if frames >= TIMED else sum(map(sum, arrays["times"][0, :frames].tolist()))
+            if took >= SHORT:
+                self._timed += TIMED if took >= LONG else frames
+                self._balance(arrays["times"][:workers, :frames, : records.WAIT], team["high"][:workers])
         counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
         return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters, 0, self.too_fast, self.logging)
 
@@ -260,8 +268,12 @@ class GridSolver(SteppedSolver, CollisionLog):
             column, slot = last, high
 
     def _balance(self, times: NDArray[np.int64], ends: NDArray[np.int64]) -> None:
-        """Move the borders half way to where the times of the last command, without waiting, would have been equal."""
+        """Move the borders half way to where the times of the last frames, without waiting, would have been equal."""
         busy = times.sum(axis=2).min(axis=1)  # the shortest frame: others may have been interrupted
+        self._busy = busy = np.minimum(self._busy, busy) if len(self._busy) == len(busy) else busy
+        if self._timed < TIMED:
+            return
+        self._timed, self._busy = 0, self._busy[:0]
         taken, shares = np.append(0, busy.cumsum()), np.append(0, ends) / max(self.count, 1)
         equal = np.interp(np.linspace(0, taken[-1], len(taken)), taken, shares)
         self._borders = ((self._borders + equal[1:-1]) / 2).tolist()  # not from ends of columns: they would stay there
