@@ -1,6 +1,9 @@
 """The exact solver finds the same bits in whatever tiles it plays the box, on any number of workers."""
 
 import functools
+import math
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -291,6 +294,48 @@ def test_a_window_that_was_left_is_forgotten_as_a_disc_enters(no_time):
             sim.run(frames=4)
             states.append(sim.state)
     assert_same_bits(*states, "a disc more")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("logged", long_but([False, True], False))
+def test_commands_that_are_played_as_a_whole_or_on_tiles_by_turns_leave_no_trace(logged, workers, no_time):
+    """Nor in the log of collisions and the work of belts, which take back what a window that was left has recorded."""
+    belts = [mpsim.Piston("left", surface_velocity=2.0), mpsim.Piston("bottom", surface_velocity=-1.0)]
+    more = {**ROUGH, "piston": belts} if logged else {}
+    scene = mpsim.Scene.random(count=COUNT, packing=0.4, seed=2, radius=0.5, **more)
+    found = []
+    for tiling, of_workers in (((1, 1), 1), (TILING, workers)):
+        seen, collisions = mpsim.Collisions() if logged else None, 0
+        with always_tiled(*tiling), on_tiles(scene, tiling, of_workers, dt=DT) as sim:
+            collisions += sim.run(frames=2, observe=seen).collisions
+            for fewest in (math.inf, 0.0, math.inf, math.inf, 0.0):  # collisions of a command that is worth tiles
+                if tiling == TILING:
+                    leave_a_window(sim)
+                    before, solver_of(sim)._windows.fewest_contacts = windows_of(sim)["windows"], fewest
+                collisions += sim.run(frames=2, observe=seen).collisions
+                if tiling == TILING:
+                    assert (windows_of(sim)["windows"] == before) == (fewest > 0)
+                    solver_of(sim)._windows.fewest_contacts = 0.0
+            assert not logged or min(abs(each) for each in sim.work.values()) > 1
+            found.append((sim.state, collisions, sim.work, seen.table.tobytes() if logged else b""))
+    assert_same_bits(found[1][0], found[0][0], "by turns")
+    assert found[1][1:] == found[0][1:]
+    assert found[0][1] > COUNT
+
+
+def call_again_and_again(sim):
+    for _ in range(10**5):  # the word of a death may be late
+        sim.run(frames=1)
+
+
+def test_a_worker_that_died_is_noticed_by_commands_that_need_none():
+    with on_tiles(scene_of("walls"), TILING, 2, dt=DT / 8) as sim:
+        sim.run(frames=1)
+        solver_of(sim)._windows.fewest_contacts = math.inf
+        sim.run(frames=1)
+        os.kill(sim.pids[0], signal.SIGKILL)
+        with pytest.raises(mpsim.WorkerDiedError, match="SIGKILL"):
+            call_again_and_again(sim)
 
 
 def test_a_window_without_a_tile_that_was_played_is_noticed(no_time):

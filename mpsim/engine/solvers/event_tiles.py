@@ -110,6 +110,9 @@ TILES = Program(_load, _call)
 
 # --- Runs windows of time on the tiles of the exact solver, with its workers
 
+BRIEF = 0.12
+"""Collisions of a disc in a command of one worker, below which it takes longer to load tiles than they save."""
+
 PATIENCE = 100_000_000
 """Nanoseconds after which a command ends with the window in hand: several tiles, as workers wait for the last one."""
 
@@ -121,10 +124,13 @@ class Windows:
         pool: of these workers.
         block: with the arrays of tiles, and a store whose discs have been placed.
         system: the store, its box and features.
+
+    Attribute fewest_contacts: fewer collisions in a command had better be played as a whole, after `link`.
     """
 
     def __init__(self, pool: WorkerPool, block: SharedBlock, system: Any):
         self._pool = pool
+        self.fewest_contacts: float = BRIEF * len(system.store.disc) / len(block.arrays["team"])
         self._command: Any = np.zeros((), records.COMMAND)[()]
         self._arguments: Any = arguments_of(block.arrays, system.features, system.box)
         self._is_linked = True

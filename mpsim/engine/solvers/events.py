@@ -68,6 +68,7 @@ class EventSolver(CollisionLog):
         super().__init__(scene, settings, choice)
         self._plan = plan_of(scene, settings, max(choice.workers))
         self._events_per_call = 10 * FEWEST_EVENTS
+        self._contacts_of_a_frame = math.inf  # in the last command that finished one
         self._stopped = 0.0
         self._progress: Any = np.zeros((), records.PROGRESS)[()]
         self._seen: Any = np.zeros((), records.TOTALS)[()]
@@ -94,25 +95,38 @@ class EventSolver(CollisionLog):
         seen = records.numbers(self._seen).copy() if count_enabled else None
         times = np.zeros((1 + self._plan.workers, frames), np.int64)
         totals = np.zeros(frames if count_enabled else 0, records.TOTALS)
-        done = self._run_kernel(times, totals, stop - self._origin.time)
+        stop -= self._origin.time
+        windows = self._windows
+        if windows is not None and self._contacts_in(frames, stop) < windows.fewest_contacts:
+            self._team.pool.assert_alive()
+            windows.link()
+            windows = None
+        done = self._run_kernel(times, totals, stop, windows)
         by_phase = np.zeros((self._plan.workers, done, len(stepped.PHASES)), np.int64)
-        if self._windows is None:
-            by_phase[0, :, stepped.MOVE] = times[0, :done]
-        else:
+        if windows is not None:
             by_phase[:, :, stepped.MOVE] = times[1:, :done]
-            by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
+        else:
+            by_phase[0, :, stepped.MOVE] = times[0, :done]
+        if self._windows is not None:
+            by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - by_phase[:, :, stepped.MOVE], 0)
         # What was done of an unfinished frame counts for the call in which it ends.
         counters = None if seen is None else self._counters(totals[:done], seen)
         contacts, guarded = int(counter["pairs"]) - contacts, int(counter["guarded"]) - guarded
+        if done:
+            self._contacts_of_a_frame = contacts / done
         return BatchResult(by_phase, contacts, counters, guarded, logged=self.logging)
 
-    def _run_kernel(self, times: NDArray[np.int64], totals: NDArray[Any], stop: float) -> int:
-        """One call of the kernel. Returns the frames it finished."""
-        if self._windows is None:
+    def _contacts_in(self, frames: int, stop: float) -> float:
+        """Collisions that so many frames will have until a stop [time], if they are as in the last command."""
+        return min(frames, (stop - self._present) / self._settings.dt) * self._contacts_of_a_frame
+
+    def _run_kernel(self, times: NDArray[np.int64], totals: NDArray[Any], stop: float, windows: Windows | None) -> int:
+        """One call of the kernel, on tiles or, without windows, as a whole. Returns the frames it finished."""
+        if windows is None:
             finished, status, particle = self._play_whole(times, totals, stop)
         else:
             kept = self._present, self._progress, self._seen
-            finished, status, particle = self._windows.play(times, totals, stop, *kept)
+            finished, status, particle = windows.play(times, totals, stop, *kept)
         if status == records.STOPPED:
             self._stopped = stop
         if status == records.NOT_FINITE:
@@ -164,10 +178,7 @@ class EventSolver(CollisionLog):
         self._stopped = stopped
 
     def take_collisions(self) -> NDArray[Any]:
-        arrays = self.block.arrays
-        if self._windows is None:
-            arrays[collisions.STATE][:, collisions.AGREED] = arrays[collisions.STATE][:, collisions.COUNT]
-        rows = base.emptied(arrays)
+        rows = base.emptied(self.block.arrays)
         rows["i"] = self._system.store.order[rows["i"]]
         among_discs = rows["kind"] == collisions.DISC
         rows["j"][among_discs] = self._system.store.order[rows["j"][among_discs]]
@@ -319,8 +330,7 @@ class EventSolver(CollisionLog):
         self._team.close()
 
     def _work_counted(self) -> NDArray[np.int64]:
-        counted = super()._work_counted()
-        return counted if self._windows is None else counted[..., collisions.AGREED :, :, :]
+        return super()._work_counted()[..., collisions.AGREED :, :, :]
 
     # --- snapshots
 

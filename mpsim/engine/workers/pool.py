@@ -148,6 +148,11 @@ class WorkerPool:
             self._await_ready(worker)
         self._attach(block)  # only now: the old one tells in which frame a worker has died
 
+    def assert_alive(self) -> None:
+        """Raise `failure` if a worker has died, for a command that does without workers."""
+        if self._lost is not None:
+            raise self.failure()
+
     def failure(self) -> Exception:
         """The exception for an abort that a worker's death or delay has caused."""
         if self._lost is None:

@@ -59,7 +59,7 @@ from mpsim.kernels.events.records import (
     mixed,
     number_of_partner,
 )
-from mpsim.kernels.features.collisions import begin_span, is_full
+from mpsim.kernels.features.collisions import agree, begin_span, is_full, take_back
 from mpsim.kernels.machine import now
 
 # --- Hash sums of the events in bands along the borders of a tile, with which neighbouring tiles are compared
@@ -309,9 +309,11 @@ def run_events(
         link_cells(store, box, features)  # the order of events is total: where the calendar keeps one cannot matter
         begin_turn(max(store.clock.now, 0.0), store.clock.lap, store)  # a lap that has just begun may lie ahead
         return 0, REACHED, -1.0
+    take_back(features.log, features.work)  # of a window on tiles that was left
     finished, status, particle = play_frames(
         store, box, features, dt, frames, max_events, stop, progress, seen, times, totals, timespec
     )
+    agree(features.log, features.work)
     return finished, status, float(particle)
 
 
