@@ -49,10 +49,8 @@ def always_tiled(columns: int, rows: int = 1, halo: int = event_tiles.HALO) -> I
         event_tiles.HALO = min([halo, *room])
         return tiling
 
-    with (
-        mock.patch.object(event_block, "tiling_of", tiling_of),
-        mock.patch.multiple(event_tiles, HALO=halo, BRIEF=0.0),
-    ):
+    constants = mock.patch.multiple(event_tiles, HALO=halo, BRIEF=0.0)
+    with mock.patch.object(event_block, "tiling_of", tiling_of), constants:
         yield
 
 
