@@ -303,7 +303,7 @@ def test_commands_that_are_played_as_a_whole_or_on_tiles_by_turns_leave_no_trace
     belts = [mpsim.Piston("left", surface_velocity=2.0), mpsim.Piston("bottom", surface_velocity=-1.0)]
     more = {**ROUGH, "piston": belts} if logged else {}
     scene = mpsim.Scene.random(count=COUNT, packing=0.4, seed=2, radius=0.5, **more)
-    found = []
+    outcomes = []
     for tiling, of_workers in (((1, 1), 1), (TILING, workers)):
         seen = mpsim.Collisions() if logged else None
         with always_tiled(*tiling), on_tiles(scene, tiling, of_workers, dt=DT) as sim:
@@ -316,9 +316,9 @@ def test_commands_that_are_played_as_a_whole_or_on_tiles_by_turns_leave_no_trace
                 assert tiling != TILING or (windows_of(sim)["windows"] == before) == (fewest > 0)
             assert not logged or min(abs(each) for each in sim.work.values()) > 1
             counted = int(solver_of(sim)._system.store.counter.pairs)
-            found.append((sim.state, counted, sim.work, seen and seen.table.tobytes()))
-    assert_same_bits(found[1][0], found[0][0], "by turns")
-    assert found[1][1:] == found[0][1:]
+            outcomes.append((sim.state, counted, sim.work, seen and seen.table.tobytes()))
+    assert_same_bits(outcomes[1][0], outcomes[0][0], "by turns")
+    assert outcomes[1][1:] == outcomes[0][1:]
     assert counted > COUNT
 
 

@@ -103,12 +103,9 @@ class EventSolver(CollisionLog):
             windows = None
         done = self._run_kernel(times, totals, stop, windows)
         by_phase = np.zeros((self._plan.workers, done, len(stepped.PHASES)), np.int64)
-        if windows is not None:
-            by_phase[:, :, stepped.MOVE] = times[1:, :done]
-        else:
-            by_phase[0, :, stepped.MOVE] = times[0, :done]
+        by_phase[:, :, stepped.MOVE] = times[1:, :done]
         if self._windows is not None:
-            by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - by_phase[:, :, stepped.MOVE], 0)
+            by_phase[:, :, stepped.WAIT] = np.maximum(times[0, :done] - times[1:, :done], 0)
         # What was done of an unfinished frame counts for the call in which it ends.
         counters = None if seen is None else self._counters(totals[:done], seen)
         contacts, guarded = int(counter["pairs"]) - contacts, int(counter["guarded"]) - guarded
@@ -124,6 +121,7 @@ class EventSolver(CollisionLog):
         """One call of the kernel, on tiles or, without windows, as a whole. Returns the frames it finished."""
         if windows is None:
             finished, status, particle = self._play_whole(times, totals, stop)
+            times[1] = times[0]
         else:
             kept = self._present, self._progress, self._seen
             finished, status, particle = windows.play(times, totals, stop, *kept)

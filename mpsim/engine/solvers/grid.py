@@ -124,7 +124,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         self._begun = -1  # frames that were done when the last command was given to this block
         self._sorted_grid: Grid | None = None  # by which the discs lie in memory
         self._borders: list[float] = []  # fraction of the discs before those of each worker but the first
-        self._dealt: tuple[int, ...] | None = None  # workers, count and span of frames for which that was done last
+        self._dealt: Any = None  # the workers, count, span of frames and borders for which that was done last
         self._timed = 0  # frames since the borders moved,
         self._busy = np.zeros(0, np.int64)  # and the shortest time of each worker in them
         self._team = Team()
@@ -194,10 +194,7 @@ class GridSolver(SteppedSolver, CollisionLog):
         contacts = sum(team["collisions"].tolist())  # of a few workers: quicker than by NumPy
         self.too_fast: bool = any(team["fastest"].tolist())
         if workers > 1:
-            took = LONG if frames >= TIMED else sum(map(sum, arrays["times"][0, :frames].tolist()))
-            if took >= SHORT:
-                self._timed += TIMED if took >= LONG else frames
-                self._balance(arrays["times"][:workers, :frames, : records.WAIT], team["high"][:workers])
+            self._balance(workers, frames)
         counters = self._counters(arrays["tally"][:, :frames]) if count_enabled else None
         return BatchResult(arrays["times"][:, :frames].copy(), contacts, counters, 0, self.too_fast, self.logging)
 
@@ -243,7 +240,7 @@ class GridSolver(SteppedSolver, CollisionLog):
     def _deal(self, workers: int) -> None:
         """Assign columns and a slice of the discs to each worker: whole columns once sorted."""
         team, grid, count = numbers_of(self._team.block)[1], self._grid, self.count
-        dealt = workers, count, self.frame // TIMED
+        dealt = workers, count, self.frame // TIMED, self._borders
         if self._dealt == dealt and self._sorted_grid == grid:
             return  # the kernel keeps slices that end with columns
         self._dealt = dealt
@@ -267,9 +264,14 @@ class GridSolver(SteppedSolver, CollisionLog):
             mine.first_column, mine.last_column, mine.low, mine.high = column, last, slot, high
             column, slot = last, high
 
-    def _balance(self, times: NDArray[np.int64], ends: NDArray[np.int64]) -> None:
+    def _balance(self, workers: int, frames: int) -> None:
         """Move the borders half way to where the times of the last frames, without waiting, would have been equal."""
-        busy = times.sum(axis=2).min(axis=1)  # the shortest frame: others may have been interrupted
+        times, ends = self._arrays["times"][:workers, :frames], self._arrays["team"]["high"][:workers]
+        took = LONG if frames >= TIMED else sum(map(sum, times[0].tolist()))
+        if took < SHORT:
+            return
+        busy = times[..., : records.WAIT].sum(axis=2).min(axis=1)  # the shortest: others may have been interrupted
+        self._timed += TIMED if took >= LONG else frames
         self._busy = busy = np.minimum(self._busy, busy) if len(self._busy) == len(busy) else busy
         if self._timed < TIMED:
             return
@@ -277,7 +279,6 @@ class GridSolver(SteppedSolver, CollisionLog):
         taken, shares = np.append(0, busy.cumsum()), np.append(0, ends) / max(self.count, 1)
         equal = np.interp(np.linspace(0, taken[-1], len(taken)), taken, shares)
         self._borders = ((self._borders + equal[1:-1]) / 2).tolist()  # not from ends of columns: they would stay there
-        self._dealt = None
 
     # --- steps
 

@@ -73,7 +73,7 @@ class WorkerPool:
         self._context: Any = multiprocessing.get_context(start_method or "forkserver")
         self._control: Any = None
         self._team: Any = None
-        self._words: Any = None  # the signals of all, and of each worker: NumPy finds them slowly in its records
+        self._signals: Any = None  # of all, and then of each worker: it takes NumPy long to get at them in its records
         self._connections: list[Connection] = []
         self._processes: list[Any] = []
         self.pids: list[int] = []
@@ -114,12 +114,12 @@ class WorkerPool:
 
     def _attach(self, block: SharedBlock) -> None:
         self._block, self._control, self._team = block, block.arrays["control"], block.arrays["team"]
-        self._words = self._control.signals, [mine.signals for mine in self._team]
+        self._signals = [self._control.signals, *(mine.signals for mine in self._team[1:])]
 
     def wake(self) -> None:
         """Have the workers that sleep come. Ctrl-C may end it: the next call then gives them their cores back."""
         for worker, connection in enumerate(self._connections, start=1):
-            nap = load_word(self._words[1][worker], records.PARKED)
+            nap = load_word(self._signals[worker], records.PARKED)
             if nap and nap != self._called.get(worker) and self._lost is None:  # a lost one's number may be another's
                 pid = self.pids[worker - 1]
                 cores = self._cores.setdefault(worker, cores_of(pid))
@@ -131,7 +131,7 @@ class WorkerPool:
 
     def run(self, kernel: Callable[[], Result]) -> Result:
         """Announce a command, wake the workers that sleep, and call the kernel, which gives the command itself."""
-        signals = self._words[0]
+        signals = self._signals[0]
         store_word(signals, records.ANNOUNCED, load_word(signals, records.COMMAND) + 1)
         self.wake()
         try:
@@ -143,7 +143,7 @@ class WorkerPool:
         """Let every worker attach to another block. The old one must stay open until this returns."""
         for connection in self._connections:
             self._send(connection, ("attach", block.name, block.specs))
-        add_to_word(self._control.signals, records.MAIL, 1)
+        add_to_word(self._signals[0], records.MAIL, 1)
         for worker in range(1, len(self._processes) + 1):
             self._await_ready(worker)
         self._attach(block)  # only now: the old one tells in which frame a worker has died
@@ -166,7 +166,7 @@ class WorkerPool:
     def stop(self) -> None:
         """End all workers, and wait until they are gone. May be called again, and whatever state they are in."""
         if os.getpid() != self._creator:  # a fork of the coordinator: the workers are not its own
-            self._control = self._team = self._words = None
+            self._control = self._team = self._signals = None
             return
         if self._watcher.is_alive():
             os.write(self._watched_end, b"x")
@@ -175,7 +175,7 @@ class WorkerPool:
         for connection in self._connections:
             self._send(connection, ("stop",))
         if self._connections:
-            add_to_word(self._control.signals, records.MAIL, 1)
+            add_to_word(self._signals[0], records.MAIL, 1)
         for process in self._processes:
             _join(process)
             for end in (process.terminate, process.kill):
@@ -193,7 +193,7 @@ class WorkerPool:
                 os.close(descriptor)
         self._watch_end = self._watched_end = -1
         self._processes, self.pids, self._connections = [], [], []
-        self._control = self._team = self._words = None
+        self._control = self._team = self._signals = None
 
     def _start(self, worker: int) -> None:
         """Start one worker. Ctrl-C waits until it is recorded."""
@@ -286,7 +286,7 @@ class WorkerPool:
             orphans |= {watched.pop(sentinel) for sentinel in ready}
             lost = [worker for worker in orphans if not _lives(self._processes[worker - 1].pid)]
         # After a bad state, or when told to stop, workers end as they should.
-        signals = self._control.signals
+        signals = self._signals[0]
         ended = load_word(signals, records.ABORT) != records.RUNNING or load_word(signals, records.BAD)
         if not ended:
             self._lost = min(lost)
